@@ -1,0 +1,35 @@
+"""AutoNeRF Lab: a robot explores an apartment, a semantic NeRF learns it, and the field is put to work.
+
+The names below are the first lesson. They load on first use, so that importing a submodule never pulls in the rest.
+"""
+
+from importlib import import_module
+
+_HOME = {
+    "Scene": "autonerf_lab.scenes",
+    "generate_apartment": "autonerf_lab.scenes",
+    "load_scene": "autonerf_lab.scenes",
+    "import_scene": "autonerf_lab.scenes",
+    "Simulator": "autonerf_lab.simulator",
+    "Trajectory": "autonerf_lab.trajectory",
+    "explore": "autonerf_lab.exploration",
+    "load_trajectory": "autonerf_lab.trajectory",
+    "fit": "autonerf_lab.nerf",
+    "load_nerf": "autonerf_lab.nerf",
+    "evaluate": "autonerf_lab.evaluators",
+    "extract_mesh": "autonerf_lab.evaluators",
+    "preset": "autonerf_lab.config",
+}
+
+__version__ = "0.1.0"
+__all__ = list(_HOME)
+
+
+def __getattr__(name: str) -> object:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'autonerf_lab' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

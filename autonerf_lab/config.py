@@ -1,0 +1,57 @@
+"""Presets: one frozen dataclass holds every number that depends on how much time there is.
+
+``smoke`` is for tests, ``fast`` for a two-core laptop, ``paper`` for the hyper-parameters of the paper. A preset fixes
+steps, never seconds, so that results are the same bits under any load.
+"""
+
+import os
+from dataclasses import dataclass
+
+from autonerf_lab.errors import UnknownNameError
+
+PRESET_VARIABLE = "AUTONERF_LAB_PRESET"
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Sizes of every stage (the table of the benchmark protocol)."""
+
+    name: str
+    width: int  # pixels of a training and of a test image
+    height: int
+    supersample: int  # rays a pixel side: 2 means 2x2
+    walk_steps: int
+    test_poses: int
+    planning_starts: int
+    refine_poses: int
+    refine_iterations: int
+    refine_rays: int
+    mesh_voxel: float  # metres
+
+
+PRESETS: dict[str, Preset] = {
+    preset.name: preset
+    for preset in (
+        Preset("smoke", 48, 48, 1, 60, 8, 10, 4, 50, 512, 0.05),
+        Preset("fast", 128, 128, 2, 1500, 100, 100, 20, 200, 1024, 0.025),
+        Preset("paper", 320, 240, 2, 1500, 100, 100, 100, 300, 4096, 0.02),
+    )
+}
+
+
+def preset(name: str | Preset | None = None) -> Preset:
+    """The preset of that name; without one, the environment's ``AUTONERF_LAB_PRESET``, else ``fast``.
+
+    Raises:
+        UnknownNameError: lists the valid names.
+
+    Example:
+        >>> preset("smoke").walk_steps
+        60
+    """
+    if isinstance(name, Preset):
+        return name
+    name = name or os.environ.get(PRESET_VARIABLE) or "fast"
+    if name not in PRESETS:
+        raise UnknownNameError("preset", name, PRESETS)
+    return PRESETS[name]

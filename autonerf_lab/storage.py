@@ -1,0 +1,74 @@
+"""Files that survive a crash: written beside their place, flushed, then renamed over it."""
+
+import json
+import os
+import tempfile
+from pathlib import Path
+
+from autonerf_lab.errors import DataError
+
+
+def write_bytes(path: str | Path, data: bytes) -> None:
+    """Write a file so that a reader, now or after a crash, sees the old content or the new one, never a part.
+
+    Raises:
+        DataError: the file could not be written (disk full, no permission); the old file is untouched.
+
+    Example:
+        >>> import tempfile; folder = Path(tempfile.mkdtemp())
+        >>> write_bytes(folder / "a.bin", b"123"); (folder / "a.bin").read_bytes()
+        b'123'
+    """
+    path = Path(path)
+    temporary: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)  # mkstemp makes files that only their owner can read
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        raise DataError(
+            f"cannot write {path}: {error.strerror or error}; free some space or choose another folder"
+        ) from error
+
+
+def write_json(path: str | Path, content: object) -> None:
+    """Write JSON that another program can read: finite numbers only.
+
+    Raises:
+        DataError: not writable, or a value that JSON has no word for.
+    """
+    try:
+        text = json.dumps(content, indent=1, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"cannot write {path}: {error}") from error
+    write_bytes(path, text.encode() + b"\n")
+
+
+def read_json(path: str | Path) -> dict:
+    """Read a JSON file whose top level is an object.
+
+    Raises:
+        DataError: names the file, and what is wrong with it.
+
+    Example:
+        >>> read_json("/nowhere.json")
+        Traceback (most recent call last):
+        autonerf_lab.errors.DataError: /nowhere.json does not exist
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_bytes())
+    except FileNotFoundError as error:
+        raise DataError(f"{path} does not exist") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(f"{path} is not readable JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise DataError(f"{path} must hold a JSON object, not a {type(content).__name__}")
+    return content
