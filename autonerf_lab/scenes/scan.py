@@ -1,0 +1,274 @@
+"""Bring your own: a GLB, OBJ or PLY of a real place becomes a scene.
+
+Semantics come from the names of the nodes ("chair_12" is a chair); without such names everything is background.
+"""
+
+import hashlib
+import json
+import re
+import struct
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from autonerf_lab.classes import CLASS_NAMES
+from autonerf_lab.errors import SceneError
+from autonerf_lab.scenes.scene import Scene
+
+MAX_BYTES = 256 * 2**20
+MAX_FACES = 5_000_000
+MAX_PIXELS = 8192
+MIN_SIDE, MAX_SIDE = 1.0, 200.0  # metres: a cupboard or a landscape is not a home, or not in metres
+FORMATS = {".glb", ".obj", ".ply"}
+TEXTURE_WIDTH = 4096  # texels in a row of the atlas of a mesh without texture
+
+
+def import_scene(path: str | Path, up: str | None = None) -> Scene:
+    """Load a scan: textured or coloured at its vertices, with holes and all.
+
+    Args:
+        path: a .glb, .obj or .ply file; textures must be inside it, or for OBJ beside it.
+        up: "y" or "z"; without it y for GLB (the format demands it) and OBJ, z for PLY.
+
+    Returns:
+        A scene in metres, z up, its lowest large horizontal surface at z = 0, centred on the origin.
+
+    Raises:
+        SceneError: not such a file, damaged, empty, not finite, too large, in other units, or it points outside its
+            folder. The message names the file.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise SceneError(f"{path}: only {', '.join(sorted(FORMATS))} files can be imported")
+    if up not in (None, "y", "z"):
+        raise SceneError(f"up must be 'y' or 'z', not {up!r}")
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise SceneError(f"{path} cannot be read: {error.strerror}") from error
+    if size > MAX_BYTES:
+        raise SceneError(f"{path} has {size >> 20} MB; the limit is {MAX_BYTES >> 20} MB")
+    _refuse_references(path)
+    parts = _load(path)
+    vertices = np.concatenate([p["vertices"] for p in parts])
+    _check_numbers(path, vertices, sum(len(p["faces"]) for p in parts))
+    if (up or ("z" if path.suffix.lower() == ".ply" else "y")) == "y":
+        vertices = vertices[:, [0, 2, 1]] * np.array([1.0, -1.0, 1.0])
+    offset = np.cumsum([0] + [len(p["vertices"]) for p in parts])
+    faces = np.concatenate([p["faces"] + o for p, o in zip(parts, offset, strict=False)])
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise SceneError(f"{path}: a face points to a vertex that does not exist")
+    vertices = _settle(path, vertices, faces)
+    uv, texture = _texture(path, parts)
+    counts = [len(p["faces"]) for p in parts]
+    class_ids = np.repeat([p["class_id"] for p in parts], counts).astype(np.uint8)
+    numbers = np.repeat([k if p["class_id"] else 0 for k, p in enumerate(parts, start=1)], counts).astype(np.int32)
+    return Scene(
+        path.stem,
+        vertices.astype(np.float32),
+        faces.astype(np.int32),
+        class_ids,
+        numbers,
+        uv,
+        partial(np.asarray, texture),
+    )
+
+
+def class_of(name: str) -> int:
+    """Class that a node's name stands for, 0 if none.
+
+    Example:
+        >>> class_of("potted plant_12"), class_of("Chair.003"), class_of("wall")
+        (3, 1, 0)
+    """
+    plain = re.sub(r"[\s_.\-]*\d*$", "", name.strip().lower()).replace("_", " ")
+    return CLASS_NAMES.index(plain) if plain in CLASS_NAMES else 0
+
+
+def _refuse_references(path: Path) -> None:
+    """A scene file may not make us read other files, OBJ materials in its own folder apart."""
+    kind = path.suffix.lower()
+    names: list[str] = []
+    try:
+        if kind == ".glb":
+            names = _glb_uris(path)
+        elif kind == ".obj":
+            pending, seen = [path], set()
+            while pending:
+                file = pending.pop()
+                if file in seen or not file.is_file():
+                    continue
+                seen.add(file)
+                for line in file.read_text(errors="replace").splitlines():
+                    words = line.split()
+                    if words and (words[0] == "mtllib" or words[0].startswith("map_")):
+                        names.append(words[-1])
+                        if words[0] == "mtllib" and _is_local(words[-1]):
+                            pending.append(path.parent / words[-1])
+    except (OSError, ValueError, struct.error, KeyError, TypeError, RecursionError) as error:
+        raise SceneError(f"{path} is not a readable {kind[1:].upper()} file: {error}") from error
+    for name in names:
+        if kind == ".glb" or not _is_local(name):
+            raise SceneError(f"{path} refers to {name[:80]!r}; only data inside the file (or its folder) is read")
+
+
+def _is_local(name: str) -> bool:
+    return not (":" in name or name.startswith(("/", "\\")) or ".." in re.split(r"[\\/]", name))
+
+
+def _glb_uris(path: Path) -> list[str]:
+    data = path.read_bytes()
+    magic, version, _ = struct.unpack("<4sII", data[:12])
+    if magic != b"glTF" or version != 2:
+        raise ValueError("no glTF 2.0 header")
+    length, kind = struct.unpack("<I4s", data[12:20])
+    if kind != b"JSON" or 20 + length > len(data):
+        raise ValueError("truncated")
+    document = json.loads(data[20 : 20 + length])
+    for accessor in document.get("accessors", []):
+        if int(accessor.get("count", 0)) > 3 * MAX_FACES:
+            raise ValueError(f"an accessor of {accessor['count']} elements")
+    entries = [*document.get("buffers", []), *document.get("images", [])]
+    return [e["uri"] for e in entries if "uri" in e and not str(e["uri"]).startswith("data:")]
+
+
+def _load(path: Path) -> list[dict[str, Any]]:
+    """Every mesh of the file with its place in the world applied."""
+    import trimesh
+    from PIL import Image
+
+    limit = Image.MAX_IMAGE_PIXELS
+    Image.MAX_IMAGE_PIXELS = MAX_PIXELS**2 // 2  # twice that raises
+    try:
+        loaded = trimesh.load_scene(path, process=False, maintain_order=True, skip_materials=False)
+        found = []
+        pictures: dict[Any, np.ndarray] = {}
+        for node in loaded.graph.nodes_geometry:
+            transform, name = loaded.graph[node]
+            mesh = loaded.geometry[name]
+            if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+                continue
+            matrix = np.asarray(transform, dtype=np.float64)
+            vertices = np.asarray(mesh.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+            faces = np.asarray(mesh.faces, dtype=np.int64)
+            if np.linalg.det(matrix[:3, :3]) < 0:
+                faces = faces[:, ::-1]
+            class_id = class_of(str(node)) or class_of(str(name))
+            found.append({"vertices": vertices, "faces": faces, "class_id": class_id, **_look(mesh, faces, pictures)})
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from error
+    except Exception as error:  # trimesh and its parsers raise anything on damaged files
+        raise SceneError(f"{path} cannot be read as a mesh: {type(error).__name__}: {error}") from error
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+    if not found:
+        raise SceneError(f"{path} has no triangles")
+    return found
+
+
+def _pixels(picture: Any, known: dict[Any, np.ndarray]) -> np.ndarray:
+    """Pixels of an image; nodes that share a picture get the same array, however often the loader copied it."""
+    if max(picture.size) > MAX_PIXELS:
+        raise SceneError(f"a texture of {picture.size[0]} x {picture.size[1]} pixels is too large")
+    if id(picture) not in known:
+        digest = hashlib.sha256(picture.tobytes()).digest()
+        if digest not in known:
+            known[digest] = np.asarray(picture.convert("RGB"))
+        known[id(picture)] = known[digest]
+    return known[id(picture)]
+
+
+def _look(mesh: Any, faces: np.ndarray, pictures: dict[Any, np.ndarray]) -> dict[str, Any]:
+    """Either a picture and uv per corner (v down), or a colour per corner."""
+    visual = mesh.visual
+    uv = getattr(visual, "uv", None)
+    material = getattr(visual, "material", None)
+    picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if uv is not None and picture is not None and len(uv) == len(mesh.vertices):
+        corner = np.asarray(uv, dtype=np.float64)[faces]
+        corner[..., 1] = 1 - corner[..., 1]  # trimesh puts v = 0 at the bottom row
+        return {"picture": _pixels(picture, pictures), "uv": corner}
+    if visual.kind == "vertex":
+        return {"colour": np.asarray(visual.vertex_colors)[:, :3][faces]}
+    if visual.kind == "face":
+        return {"colour": np.repeat(np.asarray(visual.face_colors)[:, None, :3], 3, axis=1)}
+    base = getattr(material, "main_color", None)
+    colour = np.asarray(base if base is not None else (190, 190, 190, 255))[:3]
+    return {"colour": np.broadcast_to(colour, (len(faces), 3, 3))}
+
+
+def _check_numbers(path: Path, vertices: np.ndarray, faces: int) -> None:
+    if not np.isfinite(vertices).all():
+        raise SceneError(f"{path}: {int((~np.isfinite(vertices)).any(axis=1).sum())} vertices are not finite numbers")
+    if faces > MAX_FACES:
+        raise SceneError(f"{path} has {faces} triangles; the limit is {MAX_FACES}")
+    side = np.ptp(vertices, axis=0)
+    if side.max() > MAX_SIDE or np.sort(side)[-2] < MIN_SIDE:
+        text = " x ".join(f"{s:g}" for s in side.round(3))
+        raise SceneError(
+            f"{path} measures {text}: a scene is between {MIN_SIDE:g} and {MAX_SIDE:g} metres; check the unit"
+        )
+
+
+def _settle(path: Path, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Floor to z = 0, middle to x = y = 0. The floor is the lowest height that holds much upward-facing area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1) / 2
+    flat = np.abs(normal[:, 2]) > 0.9 * 2 * np.maximum(area, 1e-12)  # either side: scans have turned faces
+    if area[flat].sum() < 0.5:
+        raise SceneError(f"{path} has no floor: no horizontal surface of half a square metre; is the up axis right?")
+    z = ((a + b + c) / 3)[flat, 2]
+    low = z.min()
+    height = np.bincount(((z - low) / 0.05).astype(int), weights=area[flat])
+    level = int(np.argmax(height > 0.4 * height.max()))
+    near = np.abs(z - (low + 0.05 * (level + 0.5))) < 0.075
+    order = np.argsort(z[near])
+    weight = np.cumsum(area[flat][near][order])
+    floor = float(z[near][order][np.searchsorted(weight, weight[-1] / 2)])  # weighted median: rugs do not lift it
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    return vertices - np.array([middle[0], middle[1], floor])
+
+
+def _texture(path: Path, parts: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
+    """One atlas: pictures stacked on each other, then a strip of 3 x 3 texel tiles for what has colours only."""
+    pictures: list[np.ndarray] = []
+    rows_of: dict[int, int] = {}
+    rows, width = 0, 3
+    for part in parts:
+        picture = part.get("picture")
+        if picture is not None:
+            width = max(width, picture.shape[1])
+    if any("colour" in part for part in parts):
+        width = max(width, TEXTURE_WIDTH)
+    result = []
+    for part in parts:
+        picture = part.get("picture")
+        if picture is not None:
+            key = id(picture)
+            if key not in rows_of:
+                rows_of[key] = rows
+                pictures.append(np.pad(picture, ((0, 0), (0, width - picture.shape[1]), (0, 0))))
+                rows += picture.shape[0]
+            inner = part["uv"] - np.floor(part["uv"].min(axis=1, keepdims=True) + 1e-6)
+            inner = np.clip(inner, 0, 1)
+            texel = inner * [picture.shape[1], picture.shape[0]] + [0, rows_of[key]]
+        else:
+            colour = part["colour"].astype(np.float64)
+            per_row = width // 3
+            k = np.arange(len(colour))
+            strip = np.zeros((-(-len(colour) // per_row) * 3, width, 3), dtype=np.uint8)
+            # corners at the middle of texels (0, 0), (2, 0), (0, 2): texel (i, j) is their affine mixture
+            for i in range(3):
+                for j in range(3):
+                    mixed = colour[:, 0] * (1 - i / 2 - j / 2) + colour[:, 1] * i / 2 + colour[:, 2] * j / 2
+                    strip[k // per_row * 3 + j, k % per_row * 3 + i] = np.clip(mixed + 0.5, 0, 255)
+            base = np.stack([k % per_row * 3, k // per_row * 3 + rows], axis=1)[:, None, :]
+            texel = base + np.array([[0.5, 0.5], [2.5, 0.5], [0.5, 2.5]])
+            pictures.append(strip)
+            rows += len(strip)
+        result.append(texel)
+    uv = np.concatenate(result) / np.array([width, rows], dtype=np.float64)
+    return uv.astype(np.float32), np.concatenate(pictures)

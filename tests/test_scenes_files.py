@@ -1,0 +1,185 @@
+"""Scenes in files: frozen ones, damaged ones, and those that other programs write."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from autonerf_lab.errors import DataError, SceneError, UnknownNameError
+from autonerf_lab.scenes import generate_apartment, import_scene, load_scene, scene_names
+from autonerf_lab.scenes.library import folder
+from autonerf_lab.scenes.spec import dumps, read_spec
+
+
+def test_unknown_name_lists_the_valid_ones() -> None:
+    with pytest.raises(UnknownNameError, match=r"unknown scene 'val-7'; valid names: dev-0, .*val-4"):
+        load_scene("val-7")
+    with pytest.raises(UnknownNameError, match="unknown split"):
+        scene_names("test")
+
+
+def test_written_and_read_again(tmp_path: Path) -> None:
+    scene = generate_apartment(11)
+    assert scene.spec is not None
+    (tmp_path / "home.json").write_text(dumps(scene.spec))
+    again = load_scene(str(tmp_path / "home.json"))
+    assert np.array_equal(again.vertices, scene.vertices) and again.spec == scene.spec
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.999])
+def test_truncated_specification_names_the_file(tmp_path: Path, share: float) -> None:
+    text = (folder() / "dev-0.json").read_text()
+    path = tmp_path / "cut.json"
+    path.write_text(text[: int(len(text) * share)])
+    with pytest.raises(SceneError, match=r"cut\.json"):
+        load_scene(str(path))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: s.update(format="other"), "format"),
+        (lambda s: s.update(version=99), "version"),
+        (lambda s: s.pop("objects"), "objects"),
+        (lambda s: s["objects"][0].update({"class": "spaceship"}), "spaceship"),
+        (lambda s: s["objects"][1].update(id=0), "twice"),
+        (lambda s: s["objects"][1]["parts"][0].update(m="unobtainium"), "unobtainium"),
+        (lambda s: s["objects"][1]["parts"][0].update(at=[1e9, 0, 0]), "'at'"),
+        (lambda s: s["objects"][1]["parts"].append({"m": "metal"}), "exactly one"),
+        (lambda s: s["objects"][1]["parts"].append({"box": [1, -1, 1], "m": "metal"}), "size"),
+        (lambda s: s["materials"]["metal"].update(kind="antimatter"), "kind"),
+        (lambda s: s["lights"][0].update(power="bright"), "power"),
+    ],
+)
+def test_wrong_specification_says_what_is_wrong(tmp_path: Path, change, message: str) -> None:  # type: ignore[no-untyped-def]
+    spec = read_spec(folder() / "dev-0.json")
+    change(spec)
+    path = tmp_path / "wrong.json"
+    path.write_text(json.dumps(spec))
+    with pytest.raises(SceneError, match=message) as caught:
+        load_scene(str(path))
+    assert "wrong.json" in str(caught.value)
+
+
+def test_glb_round_trip(tmp_path: Path) -> None:
+    scene = generate_apartment(11)
+    back = import_scene(scene.export_glb(tmp_path / "home.glb"))
+    assert len(back.faces) == len(scene.faces)
+    assert np.array_equal(np.bincount(back.face_class), np.bincount(scene.face_class))
+    assert np.allclose(np.ptp(back.bounds, axis=0), np.ptp(scene.bounds, axis=0), atol=1e-4)
+    assert abs(back.bounds[0, 2]) < 1e-3
+    first, _ = scene.top_view(15)
+    second, _ = back.top_view(15)
+    rows, cols = min(first.shape[0], second.shape[0]), min(first.shape[1], second.shape[1])
+    assert np.abs(first[:rows, :cols].astype(int) - second[:rows, :cols]).mean() < 3
+
+
+def test_glb_is_upright_and_semantic_colours_are_the_classes(tmp_path: Path) -> None:
+    scene = generate_apartment(11)
+    loaded = trimesh.load_scene(scene.export_glb(tmp_path / "classes.glb", semantic=True))
+    size = np.ptp(loaded.bounds, axis=0)
+    height = np.ptp(scene.bounds, axis=0)[2]
+    assert np.isclose(size[1], height, atol=1e-3)  # y is up in a GLB
+    assert any(node.startswith("toilet_") for node in loaded.graph.nodes_geometry)
+
+
+def room() -> trimesh.Trimesh:
+    """An empty room of 4 x 3 x 2.5 m, y up, with coloured corners."""
+    mesh = trimesh.creation.box((4, 2.5, 3))
+    mesh.visual.vertex_colors = np.array([[200, 40 * k % 256, 90, 255] for k in range(8)], dtype=np.uint8)
+    return mesh
+
+
+@pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
+def test_vertex_coloured_room_is_imported(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"room.{suffix}"
+    room().export(path)
+    scene = import_scene(path, up="y")
+    assert np.allclose(np.ptp(scene.bounds, axis=0), (4, 3, 2.5), atol=1e-5)
+    assert abs(scene.bounds[0, 2]) < 1e-6
+    assert (scene.face_class == 0).all()
+    # the texture at a corner's coordinate is the corner's colour
+    uv = scene.uv[0, 0]
+    texel = scene.texture[int(uv[1] * scene.texture.shape[0]), int(uv[0] * scene.texture.shape[1])]
+    assert abs(int(texel[0]) - 200) <= 1 and abs(int(texel[2]) - 90) <= 1
+
+
+def broken(tmp_path: Path, kind: str) -> Path:
+    path = tmp_path / f"{kind}.ply"
+    mesh = room()
+    if kind == "nan":
+        mesh.vertices[3, 1] = np.nan
+    elif kind == "millimetres":
+        mesh.apply_scale(1000)
+    elif kind == "tiny":
+        mesh.apply_scale(0.001)
+    elif kind == "points":
+        mesh = trimesh.PointCloud(mesh.vertices)
+    elif kind == "wall":
+        mesh = trimesh.Trimesh([[0, 0, 0], [4, 0, 0], [4, 0, 3], [0, 0, 3]], [[0, 1, 2], [0, 2, 3]], process=False)
+    mesh.export(path)
+    if kind == "cut":
+        path.write_bytes(path.read_bytes()[:-60])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("nan", "not finite"),
+        ("millimetres", "check the unit"),
+        ("tiny", "check the unit"),
+        ("points", "no triangles"),
+        ("wall", "measures|no floor"),
+        ("cut", "cannot be read|no triangles|does not exist"),
+    ],
+)
+def test_bad_meshes_are_refused(tmp_path: Path, kind: str, message: str) -> None:
+    with pytest.raises(SceneError, match=message) as caught:
+        import_scene(broken(tmp_path, kind))
+    assert f"{kind}.ply" in str(caught.value)
+
+
+def glb(document: dict) -> bytes:
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON") + text
+
+
+@pytest.mark.parametrize("uri", ["../secret.bin", "http://example.org/a.bin", "/etc/passwd", "other.bin"])
+def test_glb_may_not_point_elsewhere(tmp_path: Path, uri: str) -> None:
+    path = tmp_path / "far.glb"
+    path.write_bytes(glb({"asset": {"version": "2.0"}, "buffers": [{"uri": uri, "byteLength": 4}]}))
+    with pytest.raises(SceneError, match="refers to"):
+        import_scene(path)
+
+
+def test_obj_may_not_leave_its_folder(tmp_path: Path) -> None:
+    path = tmp_path / "far.obj"
+    path.write_text("mtllib ../../secret.mtl\nv 0 0 0\nv 4 0 0\nv 4 0 3\nf 1 2 3\n")
+    with pytest.raises(SceneError, match="refers to"):
+        import_scene(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"glTF", b"\0" * 100, glb({"accessors": [{"count": 3_000_000_000}]})])
+def test_damaged_glb_is_one_error(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "bad.glb"
+    path.write_bytes(content)
+    with pytest.raises(SceneError, match=r"bad\.glb"):
+        import_scene(path)
+
+
+def test_other_formats_and_missing_files(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="only"):
+        import_scene(tmp_path / "scene.fbx")
+    with pytest.raises(SceneError, match="cannot be read"):
+        import_scene(tmp_path / "missing.glb")
+
+
+def test_export_to_an_impossible_place_is_a_data_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DataError, match="cannot write"):
+        generate_apartment(11).export_glb(tmp_path / "file" / "home.glb", semantic=True)
