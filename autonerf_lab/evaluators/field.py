@@ -1,0 +1,46 @@
+"""What an evaluator asks of a field: anything that answers these methods can be scored."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from autonerf_lab.geometry import Intrinsics
+
+
+@dataclass(frozen=True)
+class Image:
+    """What a field shows from one pose."""
+
+    rgb: np.ndarray  # (H, W, 3) float32 in [0, 1]
+    depth: np.ndarray  # (H, W) float32, metres along the optical axis, the median of the weights
+    semantics: np.ndarray  # (H, W) uint8, class index
+    opacity: np.ndarray  # (H, W) float32 in [0, 1]
+
+
+class Field(Protocol):
+    """A trained NeRF, the true geometry, or a toy of a test. Points are world metres, ``rays_d`` has depth 1."""
+
+    cameras: np.ndarray  # (T, 4, 4) training poses
+    intrinsics: Intrinsics  # of the training cameras
+    meta: dict  # at least ``scene``
+
+    def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Any:
+        """One image from a pose, with the fields of :class:`Image`."""
+
+    def density(self, points: np.ndarray) -> np.ndarray:
+        """(N, 3) -> (N,) float32, per metre."""
+
+    def color(self, points: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
+        """(N, 3) -> (N, 3) float32 in [0, 1], looking along ``directions``."""
+
+    def semantics(self, points: np.ndarray) -> np.ndarray:
+        """(N, 3) -> (N, 16) float32 probabilities."""
+
+    def seen(self, points: np.ndarray) -> np.ndarray:
+        """(N, 3) -> (N,) bool: inside a training view, in front of its rendered depth or at it."""
+
+    def ray_gradients(
+        self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Squared error per ray (N,), mean over the channels, and its gradients for origins and directions."""

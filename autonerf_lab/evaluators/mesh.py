@@ -1,0 +1,175 @@
+"""Task 5, extraction: a triangle mesh out of the density, by marching cubes ("Mesh generation" of section 3.3).
+
+The opacity of a 10 cm step, ``1 - exp(-0.10 sigma)``, is sampled on a grid and cut at the threshold of the maps. Only
+cubes whose eight corners were seen from the training views are kept: behind a surface nothing constrains the density.
+The mesh is open, as a scan is. The grid is worked through in slabs that share one plane of samples, welded
+afterwards.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import sparse
+from skimage.measure import marching_cubes
+
+from autonerf_lab import storage
+from autonerf_lab.classes import colorize
+from autonerf_lab.config import preset as get_preset
+from autonerf_lab.errors import DataError
+from autonerf_lab.evaluators.field import Field
+from autonerf_lab.evaluators.maps import OPACITY_THRESHOLD, opacity
+from autonerf_lab.evaluators.semantic_maps import point_cloud
+
+if TYPE_CHECKING:
+    import trimesh
+
+MIN_TRIANGLES = 100  # smaller pieces are noise
+MAX_NODES = 1 << 28
+_SLAB_NODES = 1 << 21
+_BOUNDS_RAYS = 100_000
+_MARGIN = 0.10  # metres
+_CHUNK = 1 << 18
+# glTF is y-up: a quarter turn about x
+_Z_UP_TO_Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
+
+
+def surface_bounds(field: Field) -> np.ndarray:
+    """(2, 3) box around what the training views show, from rendered depth; one ray in 200 may lie outside."""
+    points, _ = point_cloud(field, _BOUNDS_RAYS)
+    if not len(points):
+        return np.zeros((2, 3))
+    low, high = np.quantile(points, [0.0025, 0.9975], axis=0)
+    return np.stack([low - _MARGIN, high + _MARGIN])
+
+
+def extract_mesh(
+    field: Field,
+    voxel: float | None = None,
+    threshold: float = OPACITY_THRESHOLD,
+    bounds: np.ndarray | None = None,
+    min_triangles: int = MIN_TRIANGLES,
+) -> "trimesh.Trimesh":
+    """Turn a field into a mesh.
+
+    Args:
+        field: a trained NeRF.
+        voxel: side of a marching cube, metres; that of the preset without.
+        threshold: of the opacity over 10 cm.
+        bounds: (2, 3) box to search, metres; from the training views without.
+        min_triangles: connected pieces with fewer are dropped.
+
+    Returns:
+        World frame, metres, triangles counter-clockwise seen from the free side. Vertex colours are those seen along
+        the inverse normal; ``vertex_attributes["semantics"]`` is the class of each vertex. Without any surface the
+        mesh is empty.
+
+    Raises:
+        DataError: the grid would not fit in memory.
+    """
+    import trimesh
+
+    voxel = voxel or get_preset().mesh_voxel
+    bounds = surface_bounds(field) if bounds is None else np.asarray(bounds, dtype=np.float64)
+    size = np.maximum(2, np.ceil((bounds[1] - bounds[0]) / voxel).astype(np.int64) + 1)
+    if float(np.prod(size.astype(np.float64))) > MAX_NODES:
+        raise DataError(
+            f"a mesh of {bounds[1] - bounds[0]} m at {voxel} m needs over {MAX_NODES} samples; use a larger voxel"
+        )
+    thick = max(2, int(_SLAB_NODES // (size[1] * size[2])))
+    vertices, faces, count = [], [], 0
+    for first in range(0, int(size[0]) - 1, thick - 1):
+        piece = _slab(field, bounds[0], voxel, (first, min(first + thick, int(size[0]))), size, threshold)
+        if piece is not None:
+            vertices.append(piece[0])
+            faces.append(piece[1] + count)
+            count += len(piece[0])
+    if not vertices:
+        return trimesh.Trimesh(process=False)
+    mesh = trimesh.Trimesh(np.concatenate(vertices), np.concatenate(faces), process=False)
+    mesh.merge_vertices(digits_vertex=5)
+    mesh.update_faces(mesh.nondegenerate_faces())
+    mesh.update_faces(_large_pieces(mesh.faces, len(mesh.vertices), min_triangles))
+    mesh.remove_unreferenced_vertices()
+    if len(mesh.faces):
+        _paint(mesh, field)
+    return mesh
+
+
+def _slab(
+    field: Field, low: np.ndarray, voxel: float, planes: tuple[int, int], size: np.ndarray, threshold: float
+) -> tuple[np.ndarray, np.ndarray] | None:
+    axes = [np.arange(*planes), np.arange(size[1]), np.arange(size[2])]
+    shape = tuple(len(axis) for axis in axes)
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = (low + nodes * voxel).astype(np.float32)
+    seen = np.concatenate([field.seen(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)])
+    alpha = np.zeros(len(points), dtype=np.float32)
+    index = np.flatnonzero(seen)
+    for i in range(0, len(index), _CHUNK):
+        part = index[i : i + _CHUNK]
+        alpha[part] = opacity(field.density(points[part]))
+    alpha, seen = alpha.reshape(shape), seen.reshape(shape)
+    if not alpha.min() < threshold < alpha.max():
+        return None
+    # In scikit-image's left-handed index space "ascent" is what makes triangles face the free side of the world
+    vertices, faces, _, _ = marching_cubes(alpha, threshold, gradient_direction="ascent")
+    known = np.ones(tuple(s - 1 for s in shape), dtype=bool)
+    for corner in np.ndindex(2, 2, 2):
+        known &= seen[tuple(slice(c, s - 1 + c) for c, s in zip(corner, shape, strict=True))]
+    cube = np.floor(vertices[faces].mean(axis=1)).astype(np.int64)
+    faces = faces[known[tuple(np.minimum(cube, np.array(shape) - 2).T)]]
+    return low + (vertices + np.array([planes[0], 0, 0])) * voxel, faces
+
+
+def _large_pieces(faces: np.ndarray, count: int, minimum: int) -> np.ndarray:
+    """(F,) bool: triangles of connected pieces that have at least ``minimum`` of them."""
+    edges = np.concatenate([faces[:, :2], faces[:, 1:]])
+    graph = sparse.coo_matrix((np.ones(len(edges), dtype=bool), tuple(edges.T)), shape=(count, count))
+    _, piece = sparse.csgraph.connected_components(graph, directed=False)
+    of_face = piece[faces[:, 0]]
+    return np.bincount(of_face, minlength=1)[of_face] >= minimum if len(faces) else np.zeros(0, dtype=bool)
+
+
+def _paint(mesh: "trimesh.Trimesh", field: Field) -> None:
+    points, normals = mesh.vertices.astype(np.float32), mesh.vertex_normals.astype(np.float32)
+    chunks = [slice(i, i + _CHUNK) for i in range(0, len(points), _CHUNK)]
+    color = np.concatenate([field.color(points[c], -normals[c]) for c in chunks])
+    labels = np.concatenate([field.semantics(points[c]).argmax(axis=1) for c in chunks])
+    _set_colors(mesh, np.round(np.clip(color, 0, 1) * 255).astype(np.uint8))
+    mesh.vertex_attributes["semantics"] = labels.astype(np.uint8)
+
+
+def _set_colors(mesh: "trimesh.Trimesh", colors: np.ndarray) -> None:
+    from trimesh.visual import ColorVisuals
+
+    mesh.visual = ColorVisuals(mesh, vertex_colors=colors)
+
+
+def semantic_mesh(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
+    """The twin of an extracted mesh, coloured by class."""
+    twin = mesh.copy()
+    if len(mesh.faces):
+        _set_colors(twin, colorize(np.asarray(mesh.vertex_attributes["semantics"]).astype(np.int64)))
+    return twin
+
+
+def export_mesh(mesh: "trimesh.Trimesh", path: str | Path) -> Path:
+    """Write a PLY (world frame, z up) or a GLB (y up, as glTF demands), in metres.
+
+    Raises:
+        DataError: another suffix, an empty mesh, or a file that cannot be written.
+    """
+    path = Path(path)
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in ("ply", "glb"):
+        raise DataError(f"{path}: a mesh is written as .ply or .glb")
+    if not len(mesh.faces):
+        raise DataError(f"{path}: the mesh is empty, the field holds no surface that a training view saw")
+    # A bare copy: an integer vertex attribute is no legal glTF attribute, and viewers stumble over it
+    bare: Any = mesh.copy()
+    bare.vertex_attributes.clear()
+    if kind == "glb":
+        bare.apply_transform(_Z_UP_TO_Y_UP)
+    storage.write_bytes(path, bare.export(file_type=kind))
+    return path

@@ -1,0 +1,169 @@
+"""Task 1, rendering (section 3.3): images from poses that the walk never chose.
+
+Test poses are uniform over the navigable floor and over heading, seeded, and independent of every walk. The target is
+the simulator's image. Averages are over images; classes are judged on one confusion matrix over all images.
+
+* PSNR = -10 log10 MSE, sRGB values in [0, 1]. The error of an image is taken as at least that of rounding to 8 bits
+  (a uniform error of half a level), so that a perfect image scores 58.9 dB and not infinity.
+* SSIM with the Gaussian window of Wang et al. (2004): sigma 1.5, population covariance, per channel.
+* FLIP, mean of the error map for a viewer at 67 pixels per degree.
+* LPIPS needs VGG16 weights that are not shipped: null, status ``weights_missing``.
+* Per-class accuracy = mean over classes of hits / target pixels; IoU = hits / (target + predicted - hits). Classes are
+  those present in the target images, background included (``miou_objects``: without it).
+* ``depth_median_error_m``: median over all pixels of |rendered - true| depth along the axis.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import flip_evaluator
+import numpy as np
+from skimage.metrics import structural_similarity
+
+from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.evaluators.field import Field
+from autonerf_lab.evaluators.result import TaskResult
+
+if TYPE_CHECKING:
+    from autonerf_lab.simulator import Simulator
+
+_ROUNDING_MSE = (0.5 / 255) ** 2 / 3
+_PIXELS_PER_DEGREE = 67.020645  # FLIP's default viewer: 0.7 m from a 0.7 m wide, 3840 pixel monitor
+_KEPT_IMAGES = 12
+
+
+def sample_test_poses(sim: "Simulator", count: int, seed: int = 0) -> np.ndarray:
+    """(count, 4, 4) camera-to-world, uniform over floor and heading; the first n are the same for any count."""
+    rng = np.random.default_rng([seed, 1])
+    return np.stack([sim.sample_pose(rng) for _ in range(count)])
+
+
+def psnr(image: np.ndarray, target: np.ndarray) -> float:
+    """Peak signal-to-noise ratio in dB of (H, W, 3) images in [0, 1].
+
+    Example:
+        >>> round(psnr(np.full((2, 2, 3), 0.6), np.full((2, 2, 3), 0.5)), 6)
+        20.0
+        >>> round(psnr(np.zeros((2, 2, 3)), np.zeros((2, 2, 3))), 1)
+        58.9
+    """
+    mse = float(np.mean((np.asarray(image, np.float64) - np.asarray(target, np.float64)) ** 2))
+    return float(-10 * np.log10(max(mse, _ROUNDING_MSE)))
+
+
+def ssim(image: np.ndarray, target: np.ndarray) -> float:
+    """Structural similarity of (H, W, 3) images in [0, 1], at least 11 pixels a side."""
+    return float(
+        structural_similarity(
+            np.asarray(image, np.float32),
+            np.asarray(target, np.float32),
+            channel_axis=-1,
+            gaussian_weights=True,
+            sigma=1.5,
+            use_sample_covariance=False,
+            data_range=1.0,
+        )
+    )
+
+
+def flip(image: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray]:
+    """Mean FLIP error and (H, W) error map of (H, W, 3) sRGB images in [0, 1] (Andersson et al., 2020)."""
+    # The parameters are passed anew each time: the library writes into its own default dictionary
+    error, mean, _ = flip_evaluator.evaluate(
+        np.ascontiguousarray(target, np.float32),
+        np.ascontiguousarray(np.clip(image, 0, 1), np.float32),
+        "LDR",
+        applyMagma=False,
+        parameters={"ppd": _PIXELS_PER_DEGREE},
+    )
+    return float(mean), error[..., 0]
+
+
+def confusion_matrix(predicted: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(16, 16) int64 pixel counts, row = true class, column = predicted class.
+
+    Example:
+        >>> confusion_matrix(np.array([1, 1]), np.array([1, 0]))[:2, :2]
+        array([[0, 1],
+               [0, 1]])
+    """
+    pairs = np.asarray(target).astype(np.int64).ravel() * NUM_CLASSES + np.asarray(predicted).ravel()
+    return np.bincount(pairs, minlength=NUM_CLASSES**2).reshape(NUM_CLASSES, NUM_CLASSES)
+
+
+def class_scores(confusion: np.ndarray) -> dict[str, float | None]:
+    """Per-class accuracy and mean IoU in percent, over the classes that the targets hold.
+
+    Example:
+        >>> c = np.zeros((16, 16), int); c[0, 0] = 6; c[0, 1] = 2; c[1, 1] = 2
+        >>> scores = class_scores(c)
+        >>> scores["per_class_accuracy"], scores["miou"], scores["miou_objects"]
+        (87.5, 62.5, 50.0)
+    """
+    hits, target, predicted = np.diag(confusion), confusion.sum(axis=1), confusion.sum(axis=0)
+    present = target > 0
+    accuracy = hits[present] / target[present]
+    iou = hits[present] / (target + predicted - hits)[present]
+    objects = iou[1:] if present[0] else iou
+    return {
+        "per_class_accuracy": float(100 * accuracy.mean()) if len(accuracy) else None,
+        "miou": float(100 * iou.mean()) if len(iou) else None,
+        "miou_objects": float(100 * objects.mean()) if len(objects) else None,
+    }
+
+
+def evaluate_rendering(
+    field: Field, sim: "Simulator", poses: np.ndarray, tick: Callable[[], None] = lambda: None
+) -> TaskResult:
+    """Score a field's images from ``poses`` (N, 4, 4) against the simulator's.
+
+    Args:
+        field: only ``render`` is used.
+        sim: gives the targets and the test camera.
+        poses: see :func:`sample_test_poses`.
+        tick: called after each image.
+    """
+    values: dict[str, list[float]] = {"psnr": [], "ssim": [], "flip": []}
+    confusion = np.zeros((NUM_CLASSES, NUM_CLASSES), dtype=np.int64)
+    depth_errors: list[np.ndarray] = []
+    kept: list[dict[str, np.ndarray]] = []
+    for c2w in poses:
+        target, image = sim.render(c2w), field.render(c2w, sim.intrinsics)
+        true_rgb = target.rgb.astype(np.float32) / 255
+        rgb = np.clip(np.nan_to_num(image.rgb), 0, 1).astype(np.float32)
+        values["psnr"].append(psnr(rgb, true_rgb))
+        if min(rgb.shape[:2]) >= 11:
+            values["ssim"].append(ssim(rgb, true_rgb))
+        mean_flip, flip_map = flip(rgb, true_rgb)
+        values["flip"].append(mean_flip)
+        confusion += confusion_matrix(image.semantics, target.semantics)
+        valid = target.depth > 0
+        depth_errors.append(np.abs(image.depth - target.depth)[valid].astype(np.float32))
+        if len(kept) < _KEPT_IMAGES:
+            kept.append(
+                {
+                    "c2w": c2w,
+                    "true_rgb": target.rgb,
+                    "rgb": np.round(rgb * 255).astype(np.uint8),
+                    "true_depth": target.depth,
+                    "depth": np.asarray(image.depth, np.float32),
+                    "true_semantics": target.semantics,
+                    "semantics": np.asarray(image.semantics, np.uint8),
+                    "flip": flip_map,
+                }
+            )
+        tick()
+    errors = np.concatenate(depth_errors)
+    scores: dict[str, float | None] = {name: float(np.mean(v)) if v else None for name, v in values.items()}
+    scores |= {"lpips": None, **class_scores(confusion)}
+    scores["depth_median_error_m"] = float(np.median(errors)) if len(errors) else None
+    status = {"lpips": "weights_missing"}
+    if scores["ssim"] is None:
+        status["ssim"] = "images under 11 pixels"
+    if scores["miou_objects"] is None:
+        status["miou_objects"] = "no object in the test images"
+    if scores["depth_median_error_m"] is None:
+        status["depth_median_error_m"] = "no surface in the test images"
+    n = dict.fromkeys(scores, len(poses))
+    psnrs = np.array(values["psnr"])
+    return TaskResult(scores, n, status, {"images": kept, "confusion": confusion, "psnr": psnrs, "poses": poses})

@@ -1,0 +1,140 @@
+"""``Scores``: a list of :class:`~autonerf_lab.types.Score` that prints itself beside the paper's figures."""
+
+import html
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from autonerf_lab import storage
+from autonerf_lab.errors import DataError
+from autonerf_lab.types import Score
+
+# Best value of each column on Gibson and the frontier row (tables 1 to 4 of the paper). The paper's semantic map
+# scores are exact, so they stand beside the exact ones here.
+PAPER: dict[tuple[str, str], tuple[float, float]] = {
+    ("rendering", "psnr"): (25.56, 19.75),
+    ("rendering", "ssim"): (0.846, 0.743),
+    ("rendering", "lpips"): (0.203, 0.343),
+    ("rendering", "per_class_accuracy"): (91.9, 81.4),
+    ("rendering", "miou"): (83.2, 65.7),
+    ("maps", "free_accuracy"): (88.1, 81.2),
+    ("maps", "free_precision"): (90.9, 86.9),
+    ("maps", "free_recall"): (77.0, 49.9),
+    ("maps", "semantic_accuracy"): (99.8, 99.7),
+    ("maps", "semantic_precision"): (37.4, 26.6),
+    ("maps", "semantic_recall"): (30.2, 21.0),
+    ("planning", "pointgoal_success"): (39.5, 22.4),
+    ("planning", "pointgoal_spl"): (39.0, 21.4),
+    ("planning", "objectgoal_success"): (16.0, 9.6),
+    ("planning", "objectgoal_spl"): (15.4, 9.1),
+    ("pose_refinement", "convergence_rate"): (23.0, 7.2),
+    ("pose_refinement", "rotation_error_deg"): (0.283, 0.383),
+    ("pose_refinement", "translation_error_m"): (0.00734, 0.00955),
+}
+
+_COLUMNS = ("task", "metric", "unit", "value", "paper best", "paper frontier")
+
+
+def _text(value: float | None, status: str = "ok") -> str:
+    if value is None:
+        return status.split(":", 1)[0] if status != "ok" else "–"  # the reason stands in the row
+    return f"{value:.3g}"
+
+
+class Scores(list[Score]):
+    """Rows of one evaluation, in the order of the protocol.
+
+    ``artifacts`` holds the raw material of the pictures (a dict by task) and ``yardsticks`` other scores to print
+    beside these (``ceiling``, ``nearest_view``); neither is saved with the rows.
+
+    Example:
+        >>> scores = Scores([Score("rendering", "psnr", 22.5, "dB", n=8)])
+        >>> scores["rendering", "psnr"]
+        22.5
+        >>> print(scores.table())
+        task      | metric | unit | value | paper best | paper frontier
+        rendering | psnr   | dB   | 22.5  | 25.6       | 19.8
+    """
+
+    def __init__(self, rows: Iterable[Score] = (), artifacts: Mapping[str, Any] | None = None) -> None:
+        super().__init__(rows)
+        self.artifacts: dict[str, Any] = dict(artifacts or {})
+        self.yardsticks: dict[str, Scores] = {}
+
+    def __getitem__(self, key: Any) -> Any:
+        """A row by position, or a value by ``scores[task, metric]`` (KeyError when there is no such row)."""
+        if not isinstance(key, tuple):
+            return super().__getitem__(key)
+        for row in self:
+            if (row.task, row.metric) == key:
+                return row.value
+        raise KeyError(key)
+
+    def _rows(self, yardsticks: Mapping[str, Iterable[Score]]) -> list[tuple[str, ...]]:
+        beside = self.yardsticks | dict(yardsticks)
+        values = {name: {(r.task, r.metric): r for r in rows} for name, rows in beside.items()}
+        lines = [(*_COLUMNS, *values)]
+        for row in self:
+            key = (row.task, row.metric)
+            paper = tuple(_text(v) for v in PAPER.get(key, (None, None)))
+            others = tuple(_text(by[key].value, by[key].status) if key in by else "–" for by in values.values())
+            lines.append((row.task, row.metric, row.unit, _text(row.value, row.status), *paper, *others))
+        return lines
+
+    def table(self, **yardsticks: Iterable[Score]) -> str:
+        """Plain text, one line a score, beside the paper's best and frontier figures.
+
+        Args:
+            yardsticks: columns beside those of ``self.yardsticks``, such as ``ceiling=Scores``.
+        """
+        lines = self._rows(yardsticks)
+        widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+        return "\n".join(" | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in lines)
+
+    def html(self, **yardsticks: Iterable[Score]) -> str:
+        """The same table as HTML; all text is escaped."""
+        header, *body = self._rows(yardsticks)
+
+        def row(line: tuple[str, ...], tag: str) -> str:
+            return "<tr>" + "".join(f"<{tag}>{html.escape(c)}</{tag}>" for c in line) + "</tr>"
+
+        head, lines = row(header, "th"), "".join(row(line, "td") for line in body)
+        return f"<table class='scores'><thead>{head}</thead><tbody>{lines}</tbody></table>"
+
+    def _repr_html_(self) -> str:
+        return self.html()
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a score, one column a field of :class:`~autonerf_lab.types.Score`."""
+        return pd.DataFrame([asdict(row) for row in self], columns=[f.name for f in fields(Score)])
+
+    def save(self, path: str | Path) -> None:
+        """Write ``scores.json`` (rows only, not the artifacts).
+
+        Raises:
+            DataError: the file cannot be written.
+        """
+        storage.write_json(path, {"version": 1, "scores": [asdict(row) for row in self]})
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Scores":
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            DataError: names the file, and what is wrong with it.
+        """
+        rows = storage.read_json(path).get("scores")
+        if not isinstance(rows, list):
+            raise DataError(f"{path} holds no list 'scores'; run the evaluation again")
+        try:
+            loaded = [Score(**row) for row in rows]
+        except TypeError as error:
+            raise DataError(f"{path} holds a row that is not a score: {error}") from error
+        for row in loaded:
+            number = row.value is None or (isinstance(row.value, int | float) and not isinstance(row.value, bool))
+            if not (number and all(isinstance(t, str) for t in (row.task, row.metric, row.unit, row.status))):
+                raise DataError(f"{path} holds a row that is not a score: {row}")
+        return cls(loaded)

@@ -1,0 +1,114 @@
+"""Let a policy walk through a scene and keep what it saw."""
+
+import hashlib
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from autonerf_lab.geometry import planar_from_pose
+from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.policies import Policy, make_policy
+from autonerf_lab.scenes.scene import Scene
+from autonerf_lab.simulator import Simulator
+from autonerf_lab.trajectory import Trajectory
+
+_POLICY_STREAM = 1  # second word of the policy's seed: its draws must not repeat those of the start pose
+
+
+def scene_sha256(scene: Scene) -> str:
+    """A fingerprint of the geometry and labels of a scene, to tell whose trajectory one holds."""
+    digest = hashlib.sha256()
+    for array, dtype in (
+        (scene.vertices, "<f4"),
+        (scene.faces, "<i4"),
+        (scene.face_class, "<u1"),
+        (scene.face_instance, "<i4"),
+    ):
+        digest.update(np.ascontiguousarray(array, dtype=dtype).tobytes())
+    return digest.hexdigest()
+
+
+def explore(
+    sim: Simulator,
+    policy: str | Policy = "frontier",
+    steps: int = 1500,
+    seed: int = 0,
+    progress: bool = True,
+    pose: np.ndarray | None = None,
+) -> Trajectory:
+    """Walk ``steps`` actions and keep the image before each.
+
+    Args:
+        sim: where, and with which camera and noise.
+        policy: a name of :data:`autonerf_lab.policies.POLICIES`, or a policy.
+        steps: actions, and images.
+        seed: of the start pose, the noise and the policy.
+        progress: show a bar.
+        pose: (4, 4) start, instead of one drawn from the seed.
+
+    Returns:
+        The trajectory. Its poses are those of odometry, as a robot has them. ``meta`` holds ``actions`` and whether
+        each ``collided``, and at each image ``explored_m2`` (area explored so far) and ``path_m`` (length of the way so
+        far); with noise also ``true_poses``, (T, 3) x, y, heading.
+
+    Raises:
+        UnknownNameError: no such policy.
+        SceneError: the robot cannot stand at ``pose``.
+
+    Example:
+        >>> from autonerf_lab.geometry import Intrinsics
+        >>> from autonerf_lab.scenes import load_scene
+        >>> sim = Simulator(load_scene("train-00"), Intrinsics.from_fov(32, 32), rgb=False)
+        >>> walk = explore(sim, "frontier", steps=5, progress=False)
+        >>> len(walk), walk.meta["actions"]
+        (5, [1, 1, 1, 1, 1])
+    """
+    if steps < 1:
+        raise ValueError(f"steps must be at least 1, not {steps}")
+    name = policy if isinstance(policy, str) else type(policy).__name__
+    chosen: Policy = make_policy(policy) if isinstance(policy, str) else policy
+    chosen.reset(np.random.default_rng([seed, _POLICY_STREAM]))
+    observation = sim.reset(seed=seed, pose=pose)
+    known = empty_map(observation.pose)
+    shape = (steps, *observation.depth.shape)
+    poses, true_poses = np.empty((steps, 4, 4)), np.empty((steps, 3))
+    rgb, depth, semantics = np.empty((*shape, 3), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
+    actions: list[int] = []
+    collided: list[bool] = []
+    explored: list[float] = []
+    path: list[float] = []
+    length = 0.0
+    for t in tqdm(range(steps), desc=f"explore {sim.scene.name} ({name})", disable=not progress, unit="step"):
+        known = update(known, observation, sim.intrinsics)
+        poses[t], rgb[t], depth[t], semantics[t] = (
+            observation.pose,
+            observation.rgb,
+            observation.depth,
+            observation.semantics,
+        )
+        true_poses[t] = planar_from_pose(sim.pose)
+        explored.append(round(float(np.count_nonzero(known.explored)) * known.cell**2, 4))
+        path.append(round(length, 4))
+        actions.append(int(chosen.act(known, observation)))
+        collided.append(sim.move(actions[-1]))
+        length += float(np.linalg.norm(sim.pose[:2, 3] - true_poses[t, :2]))
+        if t + 1 < steps:
+            observation = sim.observe()
+    meta: dict[str, Any] = {
+        "scene": sim.scene.name,
+        "scene_sha256": scene_sha256(sim.scene),
+        "policy": name,
+        "seed": seed,
+        "steps": steps,
+        "supersample": sim.supersample,
+        "noise": asdict(sim.noise),
+        "actions": actions,
+        "collided": collided,
+        "explored_m2": explored,
+        "path_m": path,
+    }
+    if sim.noise.actuation or sim.noise.odometry:
+        meta["true_poses"] = true_poses.tolist()
+    return Trajectory(poses, rgb, depth, semantics, sim.intrinsics, meta)

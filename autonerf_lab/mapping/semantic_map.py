@@ -1,0 +1,170 @@
+"""The top-down semantic map of section 3.1, built from depth, class images and odometry.
+
+* A depth between 0.5 and 5 m is a measurement; anything else is ignored.
+* occupied, semantics: the cell of every measured point between 25 cm and 1 cm over the camera.
+* explored: what has been within the field of view. That is the cell of every measured point, at any height, and the
+  ground the camera looks across on the way: the cells under a ray, up to the surface it meets, as long as the ray is
+  not above the camera. (Points alone would leave stripes: at 5 m two rows of pixels meet the floor half a metre apart.)
+* visited: the cells that the robot's body has covered; they are explored too.
+* viewpoints: for every cell seen in this image, whether an obstacle or not, the direction from the cell to the camera,
+  in 12 bins counter-clockwise from world +x.
+
+Every channel only ever grows, so a reward that counts new cells is never negative.
+"""
+
+import numpy as np
+from numba import njit
+
+from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.geometry import AGENT_RADIUS, Intrinsics
+from autonerf_lab.types import MapState, Observation
+
+MAP_SIZE = 480  # cells
+MAP_CELL = 0.05  # metres
+NEAR, FAR = 0.5, 5.0  # metres, range of the depth sensor
+OBSTACLE_MIN = 0.25  # metres over the floor
+OBSTACLE_OVER_CAMERA = 0.01  # metres
+VIEWPOINT_BINS = 12
+
+
+def empty_map(pose: np.ndarray, size: int = MAP_SIZE, cell: float = MAP_CELL) -> MapState:
+    """A map that knows nothing, centred on the start.
+
+    Args:
+        pose: (4, 4) camera-to-world at the start.
+        size: M, cells a side.
+        cell: metres a cell.
+
+    Example:
+        >>> from autonerf_lab.geometry import planar_pose
+        >>> empty_map(planar_pose(1.0, 2.0, 0.0), size=100).origin
+        array([-1.5, -0.5])
+    """
+
+    def blank(*channels: int) -> np.ndarray:
+        return np.zeros((*channels, size, size), np.bool_)
+
+    pose = np.array(pose, dtype=np.float64)
+    origin = pose[:2, 3] - size * cell / 2
+    return MapState(blank(), blank(), blank(), blank(NUM_CLASSES - 1), blank(VIEWPOINT_BINS), pose, origin, float(cell))
+
+
+def update(map: MapState, observation: Observation, intrinsics: Intrinsics) -> MapState:
+    """The map after one more observation. The old map is left as it was.
+
+    Args:
+        map: what was known.
+        observation: of a level camera (its rows are horizontal): the robot's.
+        intrinsics: the camera that made it.
+
+    Raises:
+        ValueError: the camera is tilted, or the images are not of its size.
+
+    Example:
+        >>> from autonerf_lab.geometry import planar_pose
+        >>> depth, labels = np.full((9, 9), 2.01, np.float32), np.zeros((9, 9), np.uint8)
+        >>> seen = Observation(np.zeros((9, 9, 3), np.uint8), depth, labels, planar_pose(0, 0, 0))
+        >>> after = update(empty_map(seen.pose), seen, Intrinsics.from_fov(9, 9))
+        >>> bool(after.occupied[240, 280]), bool(after.explored[240, 250]), bool(after.explored[240, 230])
+        (True, True, False)
+    """
+    pose = np.ascontiguousarray(observation.pose, dtype=np.float64)
+    shape = (intrinsics.height, intrinsics.width)
+    if observation.depth.shape != shape or observation.semantics.shape != shape:
+        raise ValueError(f"images of {observation.depth.shape} pixels do not belong to a camera of {shape}")
+    if abs(pose[2, 1] - 1) > 1e-6:
+        raise ValueError("the map needs a level camera")
+    after = MapState(
+        map.occupied.copy(),
+        map.explored.copy(),
+        map.visited.copy(),
+        map.semantics.copy(),
+        map.viewpoints.copy(),
+        pose,
+        map.origin,
+        map.cell,
+    )
+    camera = np.array([intrinsics.fl_x, intrinsics.fl_y, intrinsics.cx, intrinsics.cy])
+    _update(
+        observation.depth,
+        observation.semantics,
+        pose,
+        camera,
+        after.origin,
+        after.cell,
+        after.occupied,
+        after.explored,
+        after.visited,
+        after.semantics,
+        after.viewpoints,
+    )
+    return after
+
+
+@njit(cache=True)
+def _update(
+    depth: np.ndarray,
+    semantics: np.ndarray,
+    pose: np.ndarray,
+    camera: np.ndarray,
+    origin: np.ndarray,
+    cell: float,
+    occupied: np.ndarray,
+    explored: np.ndarray,
+    visited: np.ndarray,
+    classes: np.ndarray,
+    viewpoints: np.ndarray,
+) -> None:
+    size = explored.shape[0]
+    height, width = depth.shape
+    fl_x, fl_y, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    x0, y0, z0 = pose[0, 3], pose[1, 3], pose[2, 3]
+    ahead_x, ahead_y = -pose[0, 2], -pose[1, 2]
+    right_x, right_y = pose[0, 0], pose[1, 0]
+    seen = np.zeros((size, size), np.bool_)
+    reach = np.zeros(width)  # depth up to which the rays of an image column look across free ground
+    for v in range(height):
+        up = -(v + 0.5 - cy) / fl_y
+        for u in range(width):
+            d = depth[v, u]
+            if d < NEAR:
+                continue
+            if up <= 0:
+                reach[u] = max(reach[u], min(d, FAR))
+            if d > FAR:
+                continue
+            across = d * (u + 0.5 - cx) / fl_x
+            col = int(np.floor((x0 + d * ahead_x + across * right_x - origin[0]) / cell))
+            row = int(np.floor((y0 + d * ahead_y + across * right_y - origin[1]) / cell))
+            if row < 0 or col < 0 or row >= size or col >= size:
+                continue
+            seen[row, col] = True
+            z = z0 + d * up
+            if OBSTACLE_MIN <= z <= z0 + OBSTACLE_OVER_CAMERA:
+                occupied[row, col] = True
+                label = semantics[v, u]
+                if label > 0:
+                    classes[label - 1, row, col] = True
+    side = FAR * np.sqrt(1 + max(cx, width - cx) ** 2 / fl_x**2)
+    row_lo, row_hi = max(0, int((y0 - side - origin[1]) / cell)), min(size, int((y0 + side - origin[1]) / cell) + 1)
+    col_lo, col_hi = max(0, int((x0 - side - origin[0]) / cell)), min(size, int((x0 + side - origin[0]) / cell) + 1)
+    for row in range(row_lo, row_hi):
+        dy = origin[1] + (row + 0.5) * cell - y0
+        for col in range(col_lo, col_hi):
+            dx = origin[0] + (col + 0.5) * cell - x0
+            if dx * dx + dy * dy <= AGENT_RADIUS**2:
+                visited[row, col] = True
+                explored[row, col] = True
+            if not seen[row, col]:
+                forward = dx * ahead_x + dy * ahead_y
+                if forward <= 0 or forward > FAR:
+                    continue
+                # Between the rays of two neighbouring columns the nearer surface decides.
+                u = fl_x * (dx * right_x + dy * right_y) / forward + cx - 0.5
+                left = int(np.floor(u))
+                if left < 0 or left + 1 >= width or forward > min(reach[left], reach[left + 1]):
+                    continue
+            explored[row, col] = True
+            angle = np.arctan2(-dy, -dx)
+            turn = angle / (2 * np.pi) + (1.0 if angle < 0 else 0.0)
+            viewpoints[min(int(turn * VIEWPOINT_BINS), VIEWPOINT_BINS - 1), row, col] = True

@@ -1,0 +1,171 @@
+"""Fields and trainings on disk: safetensors for numbers, JSON for the rest, nothing that could run code.
+
+``nerf.safetensors`` holds parameters, cameras and the visibility grid; ``nerf.json``, written last, says how to put them
+together. A training in progress keeps ``training.safetensors``, which goes when the field is saved.
+"""
+
+import json
+import time
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.nerf.field import NeRF
+from autonerf_lab.nerf.nerfacto import SemanticNerfacto
+from autonerf_lab.nerf.optimizer import Adam
+from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.settings import NerfactoSettings
+from autonerf_lab.nerf.visibility import Visibility
+from autonerf_lab.storage import read_json, write_bytes, write_json
+
+VERSION = 1
+SAVE_EVERY = 20.0  # seconds of training between two checkpoints
+TRAINING_FILE = "training.safetensors"
+
+
+class TrainingState:
+    """Everything that changes during training."""
+
+    def __init__(self, model: SemanticNerfacto, optimizer: Adam, rng: np.random.Generator) -> None:
+        self.model, self.optimizer, self.rng = model, optimizer, rng
+        self.step, self.psnr, self.seconds = 0, 0.0, 0.0
+        self.losses: dict[str, float] = {}
+        self._saved = time.perf_counter()
+
+    def resume(self, folder: str | Path, identity: dict[str, Any]) -> None:
+        """Go on from the checkpoint in ``folder``, if there is one; ``identity`` tells this training from another.
+
+        Raises:
+            RunFolderError: the checkpoint belongs to a training with other data or settings.
+            DataError: it is damaged.
+        """
+        self.identity = {**identity, "settings": _plain(self.model.settings)}
+        path = Path(folder) / TRAINING_FILE
+        if not path.exists():
+            return
+        arrays, header = _read(path)
+        if header.get("identity") != self.identity:
+            raise RunFolderError(
+                f"{path} belongs to another training ({_difference(header.get('identity'), self.identity)}); "
+                "remove it, or use another folder"
+            )
+        try:
+            for prefix, group in self._groups().items():
+                for name, array in group.items():
+                    array[...] = arrays[f"{prefix}/{name}"]
+            self.optimizer.steps.update(header["optimizer_steps"])
+            self.rng.bit_generator.state = header["rng"]
+            self.step, self.psnr, self.seconds = header["step"], header["psnr"], header["seconds"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise DataError(f"{path} is damaged ({error!r}); remove it to start the training again") from error
+
+    def save_now_and_then(self, folder: str | Path) -> None:
+        """Write the checkpoint when the last one is :data:`SAVE_EVERY` seconds old."""
+        if time.perf_counter() - self._saved < SAVE_EVERY:
+            return
+        arrays = {
+            f"{prefix}/{name}": array for prefix, group in self._groups().items() for name, array in group.items()
+        }
+        header = {
+            "identity": self.identity,
+            "optimizer_steps": self.optimizer.steps,
+            "rng": self.rng.bit_generator.state,
+            "step": self.step,
+            "psnr": self.psnr,
+            "seconds": self.seconds,
+        }
+        write_bytes(Path(folder) / TRAINING_FILE, save(arrays, {"header": json.dumps(header)}))
+        self._saved = time.perf_counter()
+
+    def _groups(self) -> dict[str, dict[str, np.ndarray]]:
+        return {"parameter": self.model.parameters, "first": self.optimizer.first, "second": self.optimizer.second}
+
+
+def save_nerf(nerf: NeRF, folder: str | Path) -> None:
+    """Write a field; a training checkpoint in the same folder has done its work and is removed."""
+    folder = Path(folder)
+    model, visibility = nerf.model, nerf.visibility
+    arrays = {f"parameter/{name}": value for name, value in model.parameters.items()}
+    arrays |= {"cameras": nerf.cameras, "visibility": np.packbits(visibility.seen)}
+    write_bytes(folder / "nerf.safetensors", save(arrays))
+    write_json(
+        folder / "nerf.json",
+        {
+            "version": VERSION,
+            "meta": nerf.meta,
+            "settings": _plain(model.settings),
+            "box": {"center": model.box.center.tolist(), "half": model.box.half.tolist(), "shell": model.box.shell},
+            "intrinsics": asdict(nerf.intrinsics),
+            "visibility": {
+                "origin": visibility.origin.tolist(),
+                "voxel": visibility.voxel,
+                "shape": list(visibility.seen.shape),
+            },
+        },
+    )
+    (folder / TRAINING_FILE).unlink(missing_ok=True)
+
+
+def load_nerf(folder: str | Path) -> NeRF:
+    """Read a field that was saved.
+
+    Raises:
+        DataError: names the file that is missing, damaged or of a newer version.
+
+    Example:
+        >>> load_nerf("/nowhere")
+        Traceback (most recent call last):
+        autonerf_lab.errors.DataError: /nowhere/nerf.json does not exist
+    """
+    path = Path(folder) / "nerf.json"
+    header = read_json(path)
+    if header.get("version") != VERSION:
+        raise DataError(f"{path} has version {header.get('version')!r}, this release reads {VERSION}; fit again")
+    arrays, _ = _read(Path(folder) / "nerf.safetensors")
+    try:
+        plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header["settings"].items()}
+        settings = NerfactoSettings(**plain)
+        box = SceneBox(
+            np.array(header["box"]["center"], np.float32),
+            np.array(header["box"]["half"], np.float32),
+            float(header["box"]["shell"]),
+        )
+        cameras = arrays["cameras"]
+        model = SemanticNerfacto(settings, box, len(cameras), np.random.default_rng(0))
+        for name, value in model.parameters.items():
+            value[...] = arrays[f"parameter/{name}"]
+        grid = header["visibility"]
+        seen = np.unpackbits(arrays["visibility"], count=int(np.prod(grid["shape"]))).astype(bool)
+        visibility = Visibility(np.array(grid["origin"]), float(grid["voxel"]), seen.reshape(grid["shape"]))
+        return NeRF(model, cameras, Intrinsics(**header["intrinsics"]), visibility, dict(header["meta"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"{path} does not describe a field ({error!r}); fit again") from error
+
+
+def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    try:
+        data = path.read_bytes()
+        length = int.from_bytes(data[:8], "little")
+        metadata = json.loads(data[8 : 8 + length]).get("__metadata__", {})
+        return load(data), json.loads(metadata.get("header", "{}"))
+    except FileNotFoundError as error:
+        raise DataError(f"{path} does not exist") from error
+    except (OSError, SafetensorError, ValueError, AttributeError) as error:
+        raise DataError(f"{path} is damaged: {error}") from error
+
+
+def _plain(settings: NerfactoSettings) -> dict[str, Any]:
+    """As JSON would read it back."""
+    return {f.name: list(v) if isinstance(v := getattr(settings, f.name), tuple) else v for f in fields(settings)}
+
+
+def _difference(found: Any, wanted: dict[str, Any]) -> str:
+    found = found if isinstance(found, dict) else {}
+    names = [name for name in wanted if found.get(name) != wanted[name]]
+    return "different " + ", ".join(names)

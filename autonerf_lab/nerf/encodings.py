@@ -1,0 +1,120 @@
+"""Encodings of positions and directions: the readable torch reference, differentiable in everything.
+
+The CPU trains with :mod:`autonerf_lab.nerf.kernels.hashing`, which tests hold against the functions here; CUDA trains
+with these functions themselves.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+PRIMES = (1, 2654435761, 805459861)  # Müller et al. 2022, equation 4
+
+
+@dataclass(frozen=True)
+class HashGrid:
+    """Layout of a multi-resolution table: L levels of 2 features, one after the other in one array."""
+
+    resolutions: np.ndarray  # (L, 3) int64, cells along each axis
+    offsets: np.ndarray  # (L,) int64, first entry of each level
+    masks: np.ndarray  # (L,) int64, table size - 1 where hashed, 0 where the level fits as it is
+    entries: int
+
+    @classmethod
+    def build(cls, size: np.ndarray, coarse: float, fine: float, levels: int, log2_entries: int) -> "HashGrid":
+        """Cubic cells, from ``coarse`` to ``fine`` metres in equal ratios.
+
+        Args:
+            size: (3,) metres that the unit cube stands for.
+            coarse: side of the largest cells, metres.
+            fine: side of the smallest cells, metres.
+            levels: number of levels.
+            log2_entries: a level has at most 2 ** log2_entries entries; a larger one is hashed.
+
+        Example:
+            >>> grid = HashGrid.build(np.array([4.0, 4.0, 2.0]), 1.0, 0.25, levels=3, log2_entries=9)
+            >>> grid.resolutions.tolist(), grid.masks.tolist()
+            ([[4, 4, 2], [8, 8, 4], [16, 16, 8]], [0, 0, 511])
+        """
+        cells = np.geomspace(coarse, fine, levels)
+        resolutions = np.maximum(np.ceil(size / cells[:, None] - 1e-9), 1).astype(np.int64)
+        corners = np.prod(resolutions + 1, axis=1)
+        hashed = corners > 2**log2_entries
+        sizes = np.where(hashed, 2**log2_entries, corners)
+        offsets = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+        return cls(resolutions, offsets, np.where(hashed, sizes - 1, 0).astype(np.int64), int(sizes.sum()))
+
+
+def hash_encode(x: torch.Tensor, table: torch.Tensor, grid: HashGrid) -> torch.Tensor:
+    """Trilinear interpolation in every level of the table.
+
+    Args:
+        x: (N, 3) in [0, 1].
+        table: (entries, 2).
+        grid: layout of the table.
+
+    Returns:
+        (N, 2 L), differentiable in ``x`` and ``table``.
+
+    Example:
+        >>> grid = HashGrid.build(np.ones(3), 1.0, 1.0, levels=1, log2_entries=4)
+        >>> table = torch.arange(8.0)[:, None].expand(8, 2)
+        >>> hash_encode(torch.tensor([[0.5, 0.0, 1.0]]), table, grid)
+        tensor([[4.5000, 4.5000]])
+    """
+    features = []
+    for resolution, offset, mask in zip(grid.resolutions, grid.offsets, grid.masks, strict=True):
+        cells = torch.as_tensor(resolution, device=x.device)
+        scaled = x * cells
+        low = torch.minimum(scaled.detach().long().clamp(min=0), cells - 1)
+        inside = scaled - low
+        total = torch.zeros(len(x), 2, dtype=table.dtype, device=x.device)
+        for corner in range(8):
+            step = torch.tensor([corner & 1, (corner >> 1) & 1, corner >> 2], device=x.device)
+            i = low + step
+            if mask:
+                row = (i[:, 0] ^ (i[:, 1] * PRIMES[1]) ^ (i[:, 2] * PRIMES[2])) & int(mask)
+            else:
+                row = i[:, 0] + (cells[0] + 1) * (i[:, 1] + (cells[1] + 1) * i[:, 2])
+            weight = torch.where(step.bool(), inside, 1 - inside).prod(dim=1)
+            total = total + weight[:, None] * table[row + int(offset)]
+        features.append(total)
+    return torch.cat(features, dim=1)
+
+
+def spherical_harmonics(directions: torch.Tensor) -> torch.Tensor:
+    """Real spherical harmonics up to degree 3, the 16 values that the paper's sh(phi) holds.
+
+    Args:
+        directions: (N, 3), unit.
+
+    Returns:
+        (N, 16), orthonormal on the sphere.
+
+    Example:
+        >>> spherical_harmonics(torch.tensor([[0.0, 0.0, 1.0]]))[0, :4]
+        tensor([0.2821, 0.0000, 0.4886, 0.0000])
+    """
+    x, y, z = directions.unbind(-1)
+    xx, yy, zz = x * x, y * y, z * z
+    one = torch.ones_like(x)
+    values = [
+        0.28209479177387814 * one,
+        0.4886025119029199 * y,
+        0.4886025119029199 * z,
+        0.4886025119029199 * x,
+        1.0925484305920792 * x * y,
+        1.0925484305920792 * y * z,
+        0.31539156525252005 * (3 * zz - 1),
+        1.0925484305920792 * x * z,
+        0.5462742152960396 * (xx - yy),
+        0.5900435899266435 * y * (3 * xx - yy),
+        2.890611442640554 * x * y * z,
+        0.4570457994644658 * y * (5 * zz - 1),
+        0.3731763325901154 * z * (5 * zz - 3),
+        0.4570457994644658 * x * (5 * zz - 1),
+        1.445305721320277 * z * (xx - yy),
+        0.5900435899266435 * x * (xx - 3 * yy),
+    ]
+    return torch.stack(values, dim=-1)

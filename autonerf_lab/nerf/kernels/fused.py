@@ -1,0 +1,395 @@
+"""One training step and one rendering, fused: a block of rays goes through the whole field while it sits in the cache.
+
+A plain torch step writes every activation of 100,000 samples to memory and reads it back, several times. Here each thread
+takes a few rays at a time through density, heads, compositing, losses and back, and only gradients leave the block.
+
+Most samples of a ray lie in empty space or behind a wall. Once the densities of a block are known, only *active* samples,
+whose weight exceeds ``min_weight``, go through the heads and back: their columns are packed side by side. The others have
+a gradient that is smaller still, for the exponential activation multiplies it by the density.
+
+``params`` is a tuple of float32 matrices, sizes multiples of 4 (``nerfacto.MATRICES``): density hidden (H, 2 L) and
+output (16, H); colour first layer from the geometry features (H, 16) and from the ray's features (H, F), second (H, H),
+output (4, H), of which 3 rows are used; semantic hidden (H, 16) and output (C, H). ``transposed`` holds the same
+matrices transposed, for the way back.
+
+Rays come in whole blocks (R is a multiple of BLOCK_RAYS; callers pad). The work is cut into a fixed number of chunks,
+each with its own gradient buffer, so that sums have the same order, and the same bits, on any number of threads.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+from autonerf_lab.nerf.kernels.dense import dense, dense_add, relu, relu_backward, weight_gradient
+from autonerf_lab.nerf.kernels.volume import (
+    ONE,
+    distortion,
+    interlevel,
+    median_depth,
+    ray_weights,
+    ray_weights_backward,
+)
+
+CHUNKS = 16
+BLOCK_RAYS = 8
+LANES = 16  # packed columns come in multiples of this, so that vector loops have no remainder
+GEOMETRY = 16  # outputs of the density network; the first is the log density, all of them feed the heads
+ZERO, TWO = np.float32(0.0), np.float32(2.0)
+
+
+@njit(inline="always")
+def _buffer(rows, columns):
+    return np.zeros((rows, columns), np.float32)
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _pack(weights, min_weight, columns, owners, packed):
+    """Columns, rays and weights of the active samples of a block; returns their number, filled up to whole lanes."""
+    count, samples = 0, weights.shape[1]
+    for r in range(weights.shape[0]):
+        for i in range(samples):
+            if weights[r, i] > min_weight:
+                columns[count], owners[count], packed[count] = r * samples + i, r, weights[r, i]
+                count += 1
+    full = (count + LANES - 1) // LANES * LANES
+    for n in range(count, full):  # fillers repeat the first column with no weight
+        columns[n], owners[n], packed[n] = columns[0] if count else 0, 0, ZERO
+    return count, full
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _gather(source, columns, n, target):
+    for j in range(source.shape[0]):
+        for k in range(n):
+            target[j, k] = source[j, columns[k]]
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _heads(params, ray_part, owners, n, g, c0, c1, rgb, s0):
+    """Colours and the semantic hidden layer of n packed samples; the semantic output waits until after compositing."""
+    for j in range(c0.shape[0]):
+        for k in range(n):
+            c0[j, k] = ray_part[j, owners[k]]
+    dense_add(params[2], g, c0, n)
+    relu(c0, n)
+    dense(params[4], c0, c1, n)
+    relu(c1, n)
+    dense(params[5], c1, rgb, n)
+    for j in range(3):
+        for k in range(n):
+            rgb[j, k] = ONE / (ONE + np.exp(-rgb[j, k]))
+    dense(params[6], g, s0, n)
+    relu(s0, n)
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _composite(values, packed, owners, n, out):
+    """out[j, r] = sum over the samples k of ray r of packed[k] values[j, k]."""
+    for j in range(out.shape[0]):
+        for r in range(out.shape[1]):
+            out[j, r] = ZERO
+        for k in range(n):
+            out[j, owners[k]] += packed[k] * values[j, k]
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _cross_entropy(logits, labels, first, scale, d_logits):
+    """Sum of the cross entropies and number of correct labels of a block; gradients written."""
+    entropy, correct = 0.0, 0.0
+    classes = logits.shape[0]
+    for r in range(BLOCK_RAYS):
+        label = labels[first + r]
+        for k in range(classes):
+            d_logits[k, r] = ZERO
+        if label < 0:
+            continue
+        peak, total = logits[0, r], ZERO
+        for k in range(classes):
+            peak = max(peak, logits[k, r])
+        for k in range(classes):
+            d_logits[k, r] = np.exp(logits[k, r] - peak)
+            total += d_logits[k, r]
+        entropy += np.log(total) + peak - logits[label, r]
+        correct += 1.0 if logits[label, r] == peak else 0.0
+        for k in range(classes):
+            d_logits[k, r] *= scale / total
+        d_logits[label, r] -= scale
+    return entropy, correct
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _photometric(shown, left, target, background, first, scale, color, d_color, d_left):
+    """Sum of the squared errors of a block; gradients of the rendered colours and of the light that is left."""
+    squared = 0.0
+    for r in range(BLOCK_RAYS):
+        d_left[r] = ZERO
+        for k in range(3):
+            color[first + r, k] = shown[k, r] + left[r] * background[first + r, k]
+            error = color[first + r, k] - target[first + r, k]
+            squared += error * error
+            d_color[k, r] = TWO * scale * error
+            d_left[r] += d_color[k, r] * background[first + r, k]
+    return squared
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _samples_backward(rgb, s0, d_color, d_s_ray, packed, owners, n, d_rgb, d_s0, d_packed):
+    """From the gradients of what is rendered to those of packed colours (before the sigmoid), features and weights."""
+    for k in range(n):
+        d_packed[k] = ZERO
+    for j in range(3):
+        for k in range(n):
+            value, slope = rgb[j, k], d_color[j, owners[k]]
+            d_packed[k] += slope * value
+            d_rgb[j, k] = packed[k] * slope * value * (ONE - value)
+    for j in range(s0.shape[0]):
+        for k in range(n):
+            slope = d_s_ray[j, owners[k]]
+            d_packed[k] += slope * s0[j, k]
+            d_s0[j, k] = packed[k] * slope
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _heads_backward(transposed, grads, chunk, owners, n, g, c0, c1, s0, d_rgb, d_s0, d_ray, d_c, d_h, d_g):
+    """Gradients of both heads' weights, of the rays' part and of the packed geometry features."""
+    weight_gradient(d_rgb, c1, grads[5][chunk], n)
+    dense(transposed[5], d_rgb, d_c, n)
+    relu_backward(c1, d_c, n)
+    weight_gradient(d_c, c0, grads[4][chunk], n)
+    dense(transposed[4], d_c, d_h, n)
+    relu_backward(c0, d_h, n)
+    weight_gradient(d_h, g, grads[2][chunk], n)
+    for j in range(d_ray.shape[0]):
+        for r in range(BLOCK_RAYS):
+            d_ray[j, r] = ZERO
+        for k in range(n):
+            d_ray[j, owners[k]] += d_h[j, k]
+    dense(transposed[2], d_h, d_g, n)
+    relu_backward(s0, d_s0, n)
+    weight_gradient(d_s0, g, grads[6][chunk], n)
+    dense_add(transposed[6], d_s0, d_g, n)
+
+
+@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def train_rays(
+    params, transposed, grads, enc, features, edges, target, labels, background, settings,
+    d_features, weights, color, losses,
+):  # fmt: skip
+    """Forward and backward of a batch of rays.
+
+    Args:
+        params, transposed: see the module.
+        grads: like ``params`` with a leading axis of CHUNKS, added to.
+        enc: (R / BLOCK_RAYS, 2 L, BLOCK_RAYS S), encoded bin middles; overwritten by their gradient.
+        features: (R / BLOCK_RAYS, F, BLOCK_RAYS), spherical harmonics and appearance of the rays.
+        edges: (R, S + 1), distances of the bins, metres.
+        target: (R, 3), colours in [0, 1].
+        labels: (R,), class index, or -1 where there is none.
+        background: (R, 3), colour of what is behind the last bin.
+        settings: (5,) scales of squared error, cross entropy and distortion (1 / R included), turn of the warp in
+            metres, smallest weight of an active sample.
+        d_features: like ``features``, written.
+        weights: (R, S), written.
+        color: (R, 3), written, what the ray shows.
+        losses: (CHUNKS, 4) float64, written: sums of squared error, cross entropy, distortion, correct labels.
+    """
+    blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
+    inputs, hidden, classes = enc.shape[1], params[0].shape[0], params[7].shape[0]
+    space = (width + LANES - 1) // LANES * LANES
+    per_chunk = (blocks + CHUNKS - 1) // CHUNKS
+    for chunk in prange(CHUNKS):
+        h_all, g_all, d_all = _buffer(hidden, width), _buffer(GEOMETRY, width), _buffer(1, width)
+        x, h, g = _buffer(inputs, space), _buffer(hidden, space), _buffer(GEOMETRY, space)
+        d_x, d_h, d_g = _buffer(inputs, space), _buffer(hidden, space), _buffer(GEOMETRY, space)
+        c0, c1, d_c = _buffer(hidden, space), _buffer(hidden, space), _buffer(hidden, space)
+        s0, d_s0, rgb, d_rgb = _buffer(hidden, space), _buffer(hidden, space), _buffer(4, space), _buffer(4, space)
+        ray_part, d_ray = _buffer(hidden, BLOCK_RAYS), _buffer(hidden, BLOCK_RAYS)
+        s_ray, d_s_ray = _buffer(hidden, BLOCK_RAYS), _buffer(hidden, BLOCK_RAYS)
+        logits, d_logits = _buffer(classes, BLOCK_RAYS), _buffer(classes, BLOCK_RAYS)
+        shown, d_color = _buffer(3, BLOCK_RAYS), _buffer(3, BLOCK_RAYS)
+        left, d_left = np.zeros(BLOCK_RAYS, np.float32), np.zeros(BLOCK_RAYS, np.float32)
+        columns, owners = np.zeros(space, np.int64), np.zeros(space, np.int64)
+        packed, d_packed = np.zeros(space, np.float32), np.zeros(space, np.float32)
+        d_weights = np.zeros(samples, np.float32)
+        squared, entropy, spread, correct = 0.0, 0.0, 0.0, 0.0
+        for b in range(chunk * per_chunk, min((chunk + 1) * per_chunk, blocks)):
+            first = b * BLOCK_RAYS
+            w = weights[first : first + BLOCK_RAYS]
+            dense(params[0], enc[b], h_all, width)
+            relu(h_all, width)
+            dense(params[1], h_all, g_all, width)
+            for r in range(BLOCK_RAYS):
+                left[r] = ray_weights(g_all[0, r * samples : (r + 1) * samples], edges[first + r], w[r])
+            count, n = _pack(w, settings[4], columns, owners, packed)
+            _gather(g_all, columns, n, g)
+            dense(params[3], features[b], ray_part, BLOCK_RAYS)
+            _heads(params, ray_part, owners, n, g, c0, c1, rgb, s0)
+            _composite(rgb, packed, owners, n, shown)
+            _composite(s0, packed, owners, n, s_ray)
+            dense(params[7], s_ray, logits, BLOCK_RAYS)
+
+            block_entropy, block_correct = _cross_entropy(logits, labels, first, settings[1], d_logits)
+            entropy += block_entropy
+            correct += block_correct
+            squared += _photometric(shown, left, target, background, first, settings[0], color, d_color, d_left)
+
+            weight_gradient(d_logits, s_ray, grads[7][chunk], BLOCK_RAYS)
+            dense(transposed[7], d_logits, d_s_ray, BLOCK_RAYS)
+            _samples_backward(rgb, s0, d_color, d_s_ray, packed, owners, n, d_rgb, d_s0, d_packed)
+            _heads_backward(transposed, grads, chunk, owners, n, g, c0, c1, s0, d_rgb, d_s0, d_ray, d_c, d_h, d_g)
+            weight_gradient(d_ray, features[b], grads[3][chunk], BLOCK_RAYS)
+            dense(transposed[3], d_ray, d_features[b], BLOCK_RAYS)
+            k = 0
+            for r in range(BLOCK_RAYS):
+                near, far = r * samples, (r + 1) * samples
+                d_weights[:] = ZERO
+                while k < count and columns[k] < far:
+                    d_weights[columns[k] - near] = d_packed[k]
+                    k += 1
+                spread += distortion(edges[first + r], w[r], settings[3], settings[2], d_weights)
+                ray_weights_backward(
+                    g_all[0, near:far], edges[first + r], w[r], left[r], d_weights, d_left[r], d_all[0, near:far]
+                )
+            for k in range(count):
+                d_g[0, k] += d_all[0, columns[k]]
+            for k in range(count, n):
+                d_g[:, k] = ZERO
+            _gather(h_all, columns, n, h)
+            _gather(enc[b], columns, n, x)
+            weight_gradient(d_g, h, grads[1][chunk], n)
+            dense(transposed[1], d_g, d_h, n)
+            relu_backward(h, d_h, n)
+            weight_gradient(d_h, x, grads[0][chunk], n)
+            dense(transposed[0], d_h, d_x, n)
+            enc[b] = ZERO
+            for j in range(inputs):
+                for k in range(count):
+                    enc[b, j, columns[k]] = d_x[j, k]
+        losses[chunk, 0], losses[chunk, 1], losses[chunk, 2], losses[chunk, 3] = squared, entropy, spread, correct
+
+
+@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def render_rays(params, enc, features, edges, min_weight, weights, color, logits, depth):
+    """Forward only.
+
+    Args:
+        params, enc, features, edges: as in :func:`train_rays`; enc is kept.
+        min_weight: smallest weight of an active sample.
+        weights: (R, S), written.
+        color: (R, 3), written; what is left of the light is black.
+        logits: (R, C), written, rendered logits.
+        depth: (R,), written, median distance along the ray, metres.
+    """
+    blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
+    hidden, classes = params[0].shape[0], params[7].shape[0]
+    space = (width + LANES - 1) // LANES * LANES
+    for chunk in prange(CHUNKS):
+        h, g_all, g = _buffer(hidden, width), _buffer(GEOMETRY, width), _buffer(GEOMETRY, space)
+        c0, c1, s0, rgb = _buffer(hidden, space), _buffer(hidden, space), _buffer(hidden, space), _buffer(4, space)
+        ray_part, s_ray = _buffer(hidden, BLOCK_RAYS), _buffer(hidden, BLOCK_RAYS)
+        block_logits, shown = _buffer(classes, BLOCK_RAYS), _buffer(3, BLOCK_RAYS)
+        columns, owners, packed = np.zeros(space, np.int64), np.zeros(space, np.int64), np.zeros(space, np.float32)
+        for b in range(chunk, blocks, CHUNKS):
+            first = b * BLOCK_RAYS
+            w = weights[first : first + BLOCK_RAYS]
+            dense(params[0], enc[b], h, width)
+            relu(h, width)
+            dense(params[1], h, g_all, width)
+            for r in range(BLOCK_RAYS):
+                ray_weights(g_all[0, r * samples : (r + 1) * samples], edges[first + r], w[r])
+                depth[first + r] = median_depth(edges[first + r], w[r])
+            _, n = _pack(w, min_weight, columns, owners, packed)
+            _gather(g_all, columns, n, g)
+            dense(params[3], features[b], ray_part, BLOCK_RAYS)
+            _heads(params, ray_part, owners, n, g, c0, c1, rgb, s0)
+            _composite(rgb, packed, owners, n, shown)
+            _composite(s0, packed, owners, n, s_ray)
+            dense(params[7], s_ray, block_logits, BLOCK_RAYS)
+            for r in range(BLOCK_RAYS):
+                for k in range(3):
+                    color[first + r, k] = shown[k, r]
+                for k in range(classes):
+                    logits[first + r, k] = block_logits[k, r]
+
+
+@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def geometry_features(params, enc, out):
+    """Outputs (B, 16, W) of the density network for encoded points (B, 2 L, W); the first row is the log density."""
+    for chunk in prange(CHUNKS):
+        h = _buffer(params[0].shape[0], enc.shape[2])
+        for b in range(chunk, enc.shape[0], CHUNKS):
+            dense(params[0], enc[b], h, enc.shape[2])
+            relu(h, enc.shape[2])
+            dense(params[1], h, out[b], enc.shape[2])
+
+
+@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def propose(params, enc, edges, weights, raw):
+    """Weights of a proposal network: hidden (H, 2 L) and output (4, H), of which the first row is the log density.
+
+    Args:
+        params: the two matrices.
+        enc: (R / BLOCK_RAYS, 2 L, BLOCK_RAYS P).
+        edges: (R, P + 1).
+        weights, raw: (R, P), written.
+    """
+    blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
+    for chunk in prange(CHUNKS):
+        h, g = _buffer(params[0].shape[0], width), _buffer(4, width)
+        for b in range(chunk, blocks, CHUNKS):
+            dense(params[0], enc[b], h, width)
+            relu(h, width)
+            dense(params[1], h, g, width)
+            for r in range(BLOCK_RAYS):
+                ray = b * BLOCK_RAYS + r
+                raw[ray] = g[0, r * samples : (r + 1) * samples]
+                ray_weights(raw[ray], edges[ray], weights[ray])
+
+
+@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def propose_backward(params, transposed, grads, enc, edges, weights, raw, fine_edges, fine_weights, scale, losses):
+    """Interlevel loss of a proposal network, and its gradients; enc is overwritten by its own.
+
+    Args:
+        params, enc, edges, weights, raw: as in :func:`propose`.
+        transposed, grads: as in :func:`train_rays`.
+        fine_edges, fine_weights: (R, S + 1), (R, S), what the proposal should have foreseen.
+        scale: factor of the loss, 1 / R included.
+        losses: (CHUNKS,) float64, written.
+    """
+    blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
+    hidden = params[0].shape[0]
+    per_chunk = (blocks + CHUNKS - 1) // CHUNKS
+    for chunk in prange(CHUNKS):
+        h, d_h, d_g = _buffer(hidden, width), _buffer(hidden, width), _buffer(4, width)
+        d_weights = np.zeros(samples, np.float32)
+        total = 0.0
+        for b in range(chunk * per_chunk, min((chunk + 1) * per_chunk, blocks)):
+            dense(params[0], enc[b], h, width)
+            relu(h, width)
+            for r in range(BLOCK_RAYS):
+                ray = b * BLOCK_RAYS + r
+                total += interlevel(edges[ray], weights[ray], fine_edges[ray], fine_weights[ray], scale, d_weights)
+                left = ONE - weights[ray].sum()
+                d_raw = d_g[0, r * samples : (r + 1) * samples]
+                ray_weights_backward(raw[ray], edges[ray], weights[ray], left, d_weights, ZERO, d_raw)
+            weight_gradient(d_g, h, grads[1][chunk], width)
+            dense(transposed[1], d_g, d_h, width)
+            relu_backward(h, d_h, width)
+            weight_gradient(d_h, enc[b], grads[0][chunk], width)
+            dense(transposed[0], d_h, enc[b], width)
+        losses[chunk] = total
+
+
+@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def adam(p, g, m, v, rate, beta1, beta2, eps, step):
+    """One Adam update of flat arrays, in place; ``g`` is cleared.
+
+    An entry without gradient is left alone, moments included: most of a hash table is not touched by a batch.
+    """
+    correct1, correct2 = ONE / (ONE - beta1**step), ONE / (ONE - beta2**step)
+    for i in prange(p.shape[0]):
+        if g[i] != 0:
+            m[i] = beta1 * m[i] + (ONE - beta1) * g[i]
+            v[i] = beta2 * v[i] + (ONE - beta2) * g[i] * g[i]
+            p[i] -= rate * (m[i] * correct1) / (np.sqrt(v[i] * correct2) + eps)
+            g[i] = 0

@@ -1,0 +1,43 @@
+"""Where the field keeps its resolution: a box around the cameras; the rest of the world is squeezed into a shell."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class SceneBox:
+    """Maps the whole world into the unit cube, each axis on its own, with a continuous slope.
+
+    Inside the box nothing is bent, so that cells are cubes of a known size in metres. Outside, with u the distance from
+    the centre in half sizes, u > 1 becomes 1 + s - s^2 / (u - 1 + s): the contraction of Barron et al. 2022 for a shell
+    of thickness s (theirs is s = 1).
+    """
+
+    center: np.ndarray  # (3,) float32 metres, world frame
+    half: np.ndarray  # (3,) float32 metres
+    shell: float
+
+    @classmethod
+    def around(cls, positions: np.ndarray, margin: float, shell: float) -> "SceneBox":
+        """The box that reaches ``margin`` metres beyond all (N, 3) positions."""
+        low, high = positions.min(axis=0) - margin, positions.max(axis=0) + margin
+        return cls(((low + high) / 2).astype(np.float32), ((high - low) / 2).astype(np.float32), shell)
+
+    @property
+    def size(self) -> np.ndarray:
+        """(3,) metres that the unit cube would span if nothing was squeezed."""
+        return 2 * self.half.astype(np.float64) * (1 + self.shell)
+
+    def contract(self, points: np.ndarray) -> np.ndarray:
+        """(N, 3) world -> (N, 3) float32 in the unit cube.
+
+        Example:
+            >>> box = SceneBox(np.zeros(3, np.float32), np.ones(3, np.float32), 1.0)
+            >>> box.contract(np.array([[0.0, 1.0, 1e9]]))
+            array([[0.5 , 0.75, 1.  ]], dtype=float32)
+        """
+        u = (np.asarray(points, np.float32) - self.center) / self.half
+        beyond = np.maximum(np.abs(u) - 1, 0)
+        squeezed = np.sign(u) * (1 + self.shell - self.shell**2 / (beyond + self.shell))
+        return ((np.where(beyond > 0, squeezed, u) / (1 + self.shell) + 1) / 2).astype(np.float32)

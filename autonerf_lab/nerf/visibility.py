@@ -1,0 +1,60 @@
+"""What the training cameras have seen: a voxel grid, from their poses and the depth the field itself renders."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+VOXEL = 0.05  # metres
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """Seen space. Outside of the grid nothing was seen."""
+
+    origin: np.ndarray  # (3,) float64, outer corner of voxel [0, 0, 0], metres
+    voxel: float  # metres
+    seen: np.ndarray  # (X, Y, Z) bool
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """(N, 3) world points -> (N,) bool."""
+        cells = np.floor((np.asarray(points) - self.origin) / self.voxel).astype(np.int64)
+        inside = np.all((cells >= 0) & (cells < self.seen.shape), axis=1)
+        found = np.zeros(len(cells), bool)
+        found[inside] = self.seen[tuple(cells[inside].T)]
+        return found
+
+
+def carve(rays_o: np.ndarray, rays_d: np.ndarray, depth: np.ndarray, voxel: float = VOXEL) -> Visibility:
+    """Mark every voxel on the way from a camera to the surface, and the surface itself.
+
+    Args:
+        rays_o, rays_d: (N, 3) origins and unit directions.
+        depth: (N,) distance along the ray, metres.
+        voxel: side of a voxel, metres.
+
+    Example:
+        >>> grid = carve(np.zeros((1, 3)), np.array([[1.0, 0, 0]]), np.array([2.0]))
+        >>> grid(np.array([[1.0, 0, 0], [2.0, 0, 0], [2.2, 0, 0]])).tolist()
+        [True, True, False]
+    """
+    reach = depth + voxel  # a surface is as thick as a voxel: what is drawn there has been seen
+    ends = rays_o + reach[:, None] * rays_d
+    origin = np.minimum(rays_o.min(axis=0), ends.min(axis=0)) - voxel
+    shape = np.ceil((np.maximum(rays_o.max(axis=0), ends.max(axis=0)) - origin) / voxel).astype(np.int64) + 1
+    seen = np.zeros(tuple(shape), np.bool_)
+    _march((rays_o - origin) / voxel, rays_d, reach / voxel, seen)
+    return Visibility(origin, voxel, seen)
+
+
+@njit(cache=True)
+def _march(start: np.ndarray, direction: np.ndarray, length: np.ndarray, seen: np.ndarray) -> None:
+    """Half a voxel at a time: at most a corner that the ray grazes is missed."""
+    for n in range(start.shape[0]):
+        t = 0.0
+        while t <= length[n]:
+            i = int(start[n, 0] + t * direction[n, 0])
+            j = int(start[n, 1] + t * direction[n, 1])
+            k = int(start[n, 2] + t * direction[n, 2])
+            seen[i, j, k] = True
+            t += 0.5

@@ -1,0 +1,291 @@
+"""The main job as stages over a run folder: scene, explore, fit, evaluate, mesh, report.
+
+A stage takes what it needs from the folder and leaves what it makes there, even within one process: a run that was
+interrupted and resumed is the same as one that was not, and each stage is also a command of its own.
+"""
+
+import time
+from collections.abc import Callable, Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from autonerf_lab import storage
+from autonerf_lab.config import Preset, preset
+from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
+from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.run_folder import STAGES, RunConfig, RunFolder, load_run, locked, open_run
+
+if TYPE_CHECKING:
+    from autonerf_lab.nerf import NeRF
+    from autonerf_lab.scenes import Scene
+    from autonerf_lab.trajectory import Trajectory
+
+BEFORE = {"fit": "explore", "evaluate": "fit", "mesh": "fit", "report": "evaluate"}
+INPUTS = {"fit": ("trajectory",), "evaluate": ("scene", "trajectory", "nerf"), "mesh": ("nerf",), "report": ()}
+SCANS = (".glb", ".obj", ".ply")
+
+
+class Workspace:
+    """A run folder and what its stages share; everything is read from the folder when somebody first asks."""
+
+    def __init__(self, run: RunFolder, scene: "Scene | None" = None) -> None:
+        self.run = run
+        if scene is not None:
+            self.scene = scene
+
+    @property
+    def preset(self) -> Preset:
+        """The sizes of the run."""
+        return preset(self.run.config.preset)
+
+    @cached_property
+    def scene(self) -> "Scene":
+        """The apartment.
+
+        Raises:
+            DataError: it is not the one the run was made in.
+        """
+        scene = find_scene(self.run.config.scene)
+        if fingerprint(scene) != self.run.config.scene_sha256:
+            raise DataError(
+                f"{self.run.path}: scene {self.run.config.scene!r} is not the apartment it was when the run began; "
+                "begin another run"
+            )
+        return scene
+
+    @cached_property
+    def trajectory(self) -> "Trajectory":
+        """The walk.
+
+        Raises:
+            DataError: a file is missing or damaged, or it was walked in another scene.
+        """
+        from autonerf_lab.trajectory import load_trajectory
+
+        folder = self.run / "trajectory"
+        trajectory = load_trajectory(folder)
+        found = trajectory.meta.get("scene_sha256")
+        if found != self.run.config.scene_sha256:
+            raise DataError(
+                f"{folder} was walked in another scene ({str(trajectory.meta.get('scene'))[:80]!r}), this run is about "
+                f"{self.run.config.scene!r}; put the right folder back, or `autonerf-lab explore --overwrite` again"
+            )
+        return trajectory
+
+    @cached_property
+    def nerf(self) -> "NeRF":
+        """The trained field.
+
+        Raises:
+            DataError: a file is missing or damaged.
+        """
+        from autonerf_lab.nerf import load_nerf
+
+        return load_nerf(self.run / "nerf")
+
+
+def find_scene(name: str) -> "Scene":
+    """A scene by its name in the library, or by the path of a specification (JSON) or of a scan.
+
+    Raises:
+        UnknownNameError: lists the names of the library.
+        SceneError: the file is not a scene.
+    """
+    from autonerf_lab.scenes import import_scene, load_scene
+
+    return import_scene(name) if Path(name).suffix.lower() in SCANS else load_scene(name)
+
+
+def fingerprint(scene: "Scene") -> str:
+    """What tells the geometry of a scene from any other."""
+    from autonerf_lab.exploration import scene_sha256
+
+    return scene_sha256(scene)
+
+
+def check_names(policy: str | None = None, model: str | None = None) -> None:
+    """Fail before anything is made, not after ten minutes.
+
+    Raises:
+        UnknownNameError: lists the valid names.
+    """
+    if policy is not None:
+        from autonerf_lab.policies import POLICIES
+
+        if policy not in POLICIES:
+            raise UnknownNameError("policy", policy, POLICIES)
+    if model is not None:
+        from autonerf_lab.nerf import MODELS
+
+        if model not in MODELS:
+            raise UnknownNameError("model", model, MODELS)
+
+
+def begin(
+    out: str | Path,
+    scene: str,
+    policy: str,
+    preset_name: str | None = None,
+    seed: int = 0,
+    model: str | None = None,
+    last: str = "report",
+    overwrite: bool = False,
+) -> None:
+    """Run the stages up to ``last`` in the folder ``out``; go on there if the same run was interrupted.
+
+    Raises:
+        AutoNerfError: a name is unknown, the folder holds something else, or a stage failed.
+    """
+    check_names(policy, model)
+    chosen = preset(preset_name).name
+    started = time.perf_counter()
+    apartment = find_scene(scene)
+    spent = time.perf_counter() - started
+    where = str(Path(scene).resolve()) if Path(scene).suffix else scene  # the run may be resumed from another folder
+    config = RunConfig(where, fingerprint(apartment), policy, chosen, seed, model)
+    with locked(Path(out)):
+        run = open_run(out, config, last, overwrite)
+        if model is not None and run.config.model is None:
+            run.choose_model(model)
+        run_stages(Workspace(run, apartment), STAGES[: STAGES.index(last) + 1], spent)
+
+
+def resume(out: str | Path, stage: str, model: str | None = None, overwrite: bool = False) -> None:
+    """Run one stage in a folder that has come as far.
+
+    Raises:
+        AutoNerfError: the stage before it is missing, it is finished already, or it failed.
+    """
+    check_names(model=model)
+    with locked(Path(load_run(out).path)):
+        run = load_run(out)
+        run.require(BEFORE[stage])
+        work = Workspace(run)
+        if stage == "report":
+            # holds nothing of its own: made again without a question, and the old one stays until the new one is there
+            run.stages.pop(stage, None)
+        elif run.finished(stage) and overwrite:
+            for name in INPUTS[stage]:  # read before anything is removed: what cannot be made again must not go
+                getattr(work, name)
+        run.begin_again(stage, overwrite)
+        if model is not None:
+            run.choose_model(model)
+        run_stages(work, [stage])
+
+
+def run_stages(work: Workspace, stages: Iterable[str], spent: float = 0.0) -> None:
+    """Run those of ``stages`` that are not finished, in order, and write down what each took.
+
+    Args:
+        work: the run.
+        stages: names from ``STAGES``.
+        spent: seconds that the scene has already taken.
+    """
+    for stage in stages:
+        if work.run.finished(stage):
+            print(f"{stage:<9} finished before", flush=True)
+            continue
+        print(f"{stage:<9} ...", flush=True)
+        started = time.perf_counter()
+        STAGE_FUNCTIONS[stage](work)
+        seconds = time.perf_counter() - started + (spent if stage == "scene" else 0.0)
+        work.run.mark(stage, seconds, peak_gb())
+        print(f"{stage:<9} {seconds:6.1f} s", flush=True)
+
+
+def peak_gb() -> float | None:
+    """The most memory that this process has held so far, in GB; None where the system does not say."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    import sys
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
+
+
+def summary(out: str | Path) -> str:
+    """The scores of a run as a table, beside the paper's and the yardsticks."""
+    from autonerf_lab.evaluators import Scores
+
+    run = load_run(out)
+    files = sorted((run / "yardsticks").glob("*.json"))
+    return Scores.load(run / "scores.json").table(**{file.stem: Scores.load(file) for file in files})
+
+
+def _scene(work: Workspace) -> None:
+    from autonerf_lab.scenes.spec import dumps
+
+    scene = work.scene
+    _ = scene.texture  # baked here, so that the walk's seconds are the walk's
+    if scene.spec is None:
+        storage.write_json(work.run / "scene.json", {"imported": work.run.config.scene, "triangles": len(scene.faces)})
+    else:
+        storage.write_bytes(work.run / "scene.json", dumps(scene.spec).encode())
+
+
+def _explore(work: Workspace) -> None:
+    from autonerf_lab.exploration import explore
+    from autonerf_lab.simulator import Simulator
+    from autonerf_lab.viz.run_pictures import draw_walk
+
+    config, size = work.run.config, work.preset
+    sim = Simulator(work.scene, Intrinsics.from_fov(size.width, size.height), supersample=size.supersample)
+    explore(sim, config.policy, steps=size.walk_steps, seed=config.seed).save(work.run / "trajectory")
+    draw_walk(work.run / "figures", work.scene, work.trajectory)
+
+
+def _fit(work: Workspace) -> None:
+    from autonerf_lab.nerf import fit
+
+    config = work.run.config
+    if config.model is None:
+        raise RunFolderError(f"{work.run.path} names no model; `autonerf-lab fit` chooses one")
+    folder = work.run / "nerf"
+    # the checkpoint lets a training that was interrupted go on in the middle; it goes when the field is saved
+    fit(work.trajectory, config.model, work.preset, seed=config.seed, checkpoint=folder).save(folder)
+
+
+def _evaluate(work: Workspace) -> None:
+    from autonerf_lab.evaluators import ceiling, evaluate
+    from autonerf_lab.viz.run_pictures import draw_scores
+
+    config, scene = work.run.config, work.scene
+    scores = evaluate(work.nerf, scene, work.preset, config.seed, trajectory=work.trajectory)
+    for name, rows in scores.yardsticks.items():
+        rows.save(work.run / f"yardsticks/{name}.json")
+    print("the same tasks for the true geometry", flush=True)
+    ceiling(scene, work.preset, config.seed).save(work.run / "yardsticks/ceiling.json")
+    draw_scores(work.run / "figures", work.nerf, scores.artifacts)
+    scores.save(work.run / "scores.json")
+
+
+def _mesh(work: Workspace) -> None:
+    from autonerf_lab.evaluators import export_mesh, extract_mesh, semantic_mesh
+
+    mesh = extract_mesh(work.nerf, work.preset.mesh_voxel)
+    if len(mesh.faces):
+        export_mesh(mesh, work.run / "mesh/color.glb")
+        export_mesh(semantic_mesh(mesh), work.run / "mesh/semantic.glb")
+    else:  # a result too, of a field that learned nothing
+        print("the field has no surface that a training view saw: no mesh is written", flush=True)
+    counts = {"vertices": len(mesh.vertices), "triangles": len(mesh.faces), "voxel_m": work.preset.mesh_voxel}
+    storage.write_json(work.run / "mesh/mesh.json", counts)
+
+
+def _report(work: Workspace) -> None:
+    from autonerf_lab.viz.report import write_report
+
+    write_report(work.run)
+
+
+STAGE_FUNCTIONS: dict[str, Callable[[Workspace], None]] = {
+    "scene": _scene,
+    "explore": _explore,
+    "fit": _fit,
+    "evaluate": _evaluate,
+    "mesh": _mesh,
+    "report": _report,
+}

@@ -1,0 +1,233 @@
+"""The local policy: from a waypoint on the map to the robot's next action.
+
+A fast-marching field from the waypoint says how far every cell is; the robot heads for the lowest cell a few cells
+ahead. What it has not seen is taken for free, what it bumped into for blocked. The field is made again only when the
+waypoint changes, something turns up on the planned path, or the robot leaves the field.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from autonerf_lab.geometry import AGENT_RADIUS, TURN_ANGLE, planar_from_pose, world_to_cell, wrap_angle
+from autonerf_lab.planning.dilation import dilate
+from autonerf_lab.planning.fast_marching import descend, travel_distance
+from autonerf_lab.types import Action, MapState
+
+_MARGIN = 1.5  # metres around what is known: enough to plan through the unknown, and no more than that is marched
+_RING = 0.25  # metres to the short-term goal
+_REPLAN_STEPS = 25
+_MIN_MOVE = 0.20  # metres; a forward step that gets less far is a collision
+_ARRIVED = 0.2  # metres from the end of the plan
+_ESCAPE_AFTER = 4  # collisions within _ESCAPE_WINDOW steps
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A field of distances to the waypoint over a part of the map."""
+
+    target: tuple[int, int]  # the waypoint's cell
+    corner: tuple[int, int]  # map cell of the field's cell [0, 0]
+    distance: np.ndarray  # metres, inf where blocked
+    path: np.ndarray  # (K, 2) map cells from the robot to the goal
+    exact: bool  # the path ends at the waypoint, not at the nearest cell that can be reached
+
+
+class LocalPolicy:
+    """Follows one waypoint after the other; remembers collisions for the length of an episode.
+
+    Args:
+        clearance: metres from an obstacle cell that are kept when there is a choice.
+
+    Example:
+        >>> from autonerf_lab.geometry import planar_pose
+        >>> from autonerf_lab.mapping import empty_map
+        >>> LocalPolicy().act(empty_map(planar_pose(0, 0, 0)), np.array([2.0, 0.0]))
+        <Action.FORWARD: 0>
+    """
+
+    def __init__(self, clearance: float = AGENT_RADIUS) -> None:
+        self._clearance = clearance
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last episode."""
+        self._plan: Plan | None = None
+        self._bumped: np.ndarray | None = None  # (M, M) bool, cells a collision has blocked
+        self._last: tuple[float, float, float] | None = None
+        self._last_action: Action | None = None
+        self._bump_steps: list[int] = []
+        self._age = 0
+        self._steps = 0
+        self._left = np.inf  # metres to where the plan ends
+        self._escape: list[Action] = []
+
+    @property
+    def path(self) -> np.ndarray:
+        """(K, 2) map cells of the plan, from where it was made; empty without one."""
+        return np.empty((0, 2), np.int64) if self._plan is None else self._plan.path
+
+    @property
+    def blocked(self) -> bool:
+        """The waypoint of the last call cannot be reached: the robot heads for the nearest place that can."""
+        return self._plan is not None and not self._plan.exact
+
+    @property
+    def arrived(self) -> bool:
+        """The robot stands as near to the waypoint as it can get, within a step."""
+        return self._left < _ARRIVED
+
+    def act(self, map: MapState, waypoint: np.ndarray) -> Action:
+        """The next action on the way to ``waypoint``.
+
+        Args:
+            map: the current map, with the robot's pose.
+            waypoint: (2,) world x, y.
+        """
+        x, y, heading = planar_from_pose(map.pose)
+        self._steps += 1
+        self._age += 1
+        self._feel(map, x, y, heading)
+        action = self._escape.pop(0) if self._escape else self._towards(map, np.asarray(waypoint), x, y, heading)
+        self._last, self._last_action = (x, y, heading), action
+        return action
+
+    def _feel(self, map: MapState, x: float, y: float, heading: float) -> None:
+        """Block the cells ahead when the last step forward did not get far."""
+        if self._bumped is None or self._bumped.shape != map.occupied.shape:
+            self._bumped = np.zeros_like(map.occupied)
+        if self._last is None or self._last_action != Action.FORWARD:
+            return
+        if np.hypot(x - self._last[0], y - self._last[1]) >= _MIN_MOVE:
+            return
+        self._bump_steps = [*(s for s in self._bump_steps if s > self._steps - 12), self._steps]
+        repeats = len(self._bump_steps)
+        # A strip across the way, just outside the body; wider when the narrower one did not help.
+        ahead = AGENT_RADIUS + map.cell * np.arange(0.5, 2.0)
+        across = map.cell * np.arange(-repeats, repeats + 1)
+        a, b = np.meshgrid(ahead, across)
+        last_heading = self._last[2]
+        points = np.stack(
+            [
+                x + a * np.cos(last_heading) - b * np.sin(last_heading),
+                y + a * np.sin(last_heading) + b * np.cos(last_heading),
+            ],
+            axis=-1,
+        ).reshape(-1, 2)
+        cells = world_to_cell(points, map.origin, map.cell)
+        inside = ((cells >= 0) & (cells < len(self._bumped))).all(axis=1)
+        self._bumped[tuple(cells[inside].T)] = True
+        self._plan = None
+        if repeats >= _ESCAPE_AFTER:
+            # The map says free and the body says blocked, again and again: turn away from here and start over.
+            turn = Action.TURN_LEFT if self._steps % 2 else Action.TURN_RIGHT
+            self._escape = [turn] * (2 + self._steps % 4) + [Action.FORWARD] * 2
+            self._bump_steps = []
+
+    def _towards(self, map: MapState, waypoint: np.ndarray, x: float, y: float, heading: float) -> Action:
+        row, col = (int(i) for i in world_to_cell(waypoint, map.origin, map.cell))
+        target = (min(max(row, 0), len(map.occupied) - 1), min(max(col, 0), len(map.occupied) - 1))
+        start = tuple(int(i) for i in world_to_cell(np.array([x, y]), map.origin, map.cell))
+        goal = None
+        if self._plan is not None and self._plan.target == target and not self._stale(map, self._plan, start):
+            goal = self._short_term_goal(map, self._plan, start)
+        if goal is None:
+            self._plan = self._make_plan(map, target, start)
+            self._age = 0
+            goal = self._short_term_goal(map, self._plan, start)
+        assert self._plan is not None
+        corner = self._plan.corner
+        self._left = float(self._plan.distance[start[0] - corner[0], start[1] - corner[1]])
+        if goal is None or (self.arrived and self.blocked):
+            return Action.TURN_LEFT  # there is nowhere better to go: look around
+        error = wrap_angle(np.arctan2(goal[1] - y, goal[0] - x) - heading)
+        if abs(error) <= TURN_ANGLE / 2 + 1e-6:
+            return Action.FORWARD
+        turn = Action.TURN_LEFT if error > 0 else Action.TURN_RIGHT
+        undoes = {Action.TURN_LEFT, Action.TURN_RIGHT} == {turn, self._last_action}
+        # Two goals of equal worth on either side must not keep it turning to and fro.
+        return Action.FORWARD if undoes and abs(error) < TURN_ANGLE else turn
+
+    def _stale(self, map: MapState, plan: Plan, start: tuple[int, ...]) -> bool:
+        if self._age >= _REPLAN_STEPS:
+            return True
+        reach = max(1, round(self._clearance / map.cell) - 1)
+        nearest = int(np.argmin(((plan.path - np.array(start)) ** 2).sum(axis=1)))
+        return bool(_near_obstacle(map.occupied, plan.path[nearest:], reach, start[0], start[1]))
+
+    def _short_term_goal(self, map: MapState, plan: Plan, start: tuple[int, ...]) -> np.ndarray | None:
+        """World x, y of the lowest cell on the ring around the robot."""
+        row, col = start[0] - plan.corner[0], start[1] - plan.corner[1]
+        if not (0 <= row < plan.distance.shape[0] and 0 <= col < plan.distance.shape[1]):
+            return None
+        if not np.isfinite(plan.distance[row, col]):
+            return None
+        ring = max(2, round(_RING / map.cell))
+        path = descend(plan.distance, (row, col), map.cell, ring, max_steps=1)
+        if len(path) < 2:
+            return None
+        return (path[1][::-1] + np.array(plan.corner)[::-1] + 0.5) * map.cell + map.origin
+
+    def _make_plan(self, map: MapState, target: tuple[int, int], start: tuple[int, ...]) -> Plan:
+        assert self._bumped is not None
+        window = _window(map, start, target)
+        corner = (window[0].start, window[1].start)
+        goal = (target[0] - corner[0], target[1] - corner[1])
+        here = (start[0] - corner[0], start[1] - corner[1])
+        occupied, visited, bumped = map.occupied[window], map.visited[window], self._bumped[window]
+        radius = round(self._clearance / map.cell)
+        free = np.ones(occupied.shape, bool)
+        for reach in range(radius, -1, -1):  # a doorway seen too narrow is worth a try
+            free = (~dilate(occupied, reach + 0.5) | visited) & ~bumped
+            free[max(0, here[0] - 1) : here[0] + 2, max(0, here[1] - 1) : here[1] + 2] = True
+            aim = _aim(free, goal, max(2, round(0.15 / map.cell)))
+            distance = travel_distance(free, aim, map.cell, here)
+            if np.isfinite(distance[here]):
+                return Plan(target, corner, distance, descend(distance, here, map.cell) + corner, True)
+            if reach <= radius - 2 and bumped.any():
+                # Perhaps it is a collision, not a wall, that closes the only way.
+                self._bumped[window] = False
+                bumped = self._bumped[window]
+        reachable = np.isfinite(travel_distance(free, np.array([here]), map.cell))
+        cells = np.argwhere(reachable)
+        nearest = cells[np.argmin(((cells - np.array(goal)) ** 2).sum(axis=1))]
+        distance = travel_distance(free, nearest[None], map.cell, here)
+        return Plan(target, corner, distance, descend(distance, here, map.cell) + corner, False)
+
+
+def _window(map: MapState, *cells: tuple[int, ...]) -> tuple[slice, slice]:
+    """The part of the map that is known or named, with a margin."""
+    margin = round(_MARGIN / map.cell)
+    size = len(map.explored)
+    slices = []
+    for axis in range(2):
+        known = np.flatnonzero(map.explored.any(axis=1 - axis))
+        ends = [int(c[axis]) for c in cells] + ([int(known[0]), int(known[-1])] if len(known) else [])
+        slices.append(slice(max(0, min(ends) - margin), min(size, max(ends) + margin + 1)))
+    return slices[0], slices[1]
+
+
+def _aim(free: np.ndarray, goal: tuple[int, int], radius: int) -> np.ndarray:
+    """Free cells within ``radius`` of the goal, cells."""
+    rows, cols = np.ogrid[: free.shape[0], : free.shape[1]]
+    near: np.ndarray = (rows - goal[0]) ** 2 + (cols - goal[1]) ** 2 <= radius**2
+    return free & near
+
+
+@njit(cache=True)
+def _near_obstacle(occupied: np.ndarray, path: np.ndarray, reach: int, row0: int, col0: int) -> bool:
+    """Does a path pass within ``reach`` cells of an obstacle, farther than that from where it begins?"""
+    size = occupied.shape[0]
+    for i in range(len(path) - 1):
+        steps = max(abs(path[i + 1, 0] - path[i, 0]), abs(path[i + 1, 1] - path[i, 1]))
+        for s in range(steps):
+            r = path[i, 0] + (path[i + 1, 0] - path[i, 0]) * s // steps
+            c = path[i, 1] + (path[i + 1, 1] - path[i, 1]) * s // steps
+            if abs(r - row0) + abs(c - col0) <= reach + 1:
+                continue
+            for y in range(max(0, r - reach), min(size, r + reach + 1)):
+                for x in range(max(0, c - reach), min(size, c + reach + 1)):
+                    if occupied[y, x] and (y - r) ** 2 + (x - c) ** 2 <= reach * reach:
+                        return True
+    return False

@@ -1,0 +1,17 @@
+"""Explored area coverage, the paper's ``cov.``"""
+
+from autonerf_lab.rewards.base import growth
+from autonerf_lab.types import Transition
+
+
+def cov(transition: Transition) -> float:
+    """Newly explored area, square metres: ``sum_ij m_exp[t] - m_exp[t-1]``.
+
+    Example:
+        >>> from autonerf_lab.rewards.conformance import blank_transition
+        >>> step = blank_transition(cell=0.5)
+        >>> step.after.explored[3, 4] = True
+        >>> cov(step)
+        0.25
+    """
+    return growth(transition.before.explored, transition.after.explored, transition.after)

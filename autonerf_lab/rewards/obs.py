@@ -1,0 +1,17 @@
+"""Obstacle coverage, the paper's ``obs.``"""
+
+from autonerf_lab.rewards.base import growth
+from autonerf_lab.types import Transition
+
+
+def obs(transition: Transition) -> float:
+    """Area of newly mapped obstacles, square metres: ``sum_ij m_occ[t] - m_occ[t-1]``.
+
+    Example:
+        >>> from autonerf_lab.rewards.conformance import blank_transition
+        >>> step = blank_transition(cell=0.5)
+        >>> step.after.occupied[3, 4] = True
+        >>> obs(step)
+        0.25
+    """
+    return growth(transition.before.occupied, transition.after.occupied, transition.after)

@@ -1,0 +1,19 @@
+"""Viewpoint coverage, the paper's ``view.``"""
+
+from autonerf_lab.rewards.base import growth
+from autonerf_lab.types import Transition
+
+
+def view(transition: Transition) -> float:
+    """Area newly seen from one of 12 directions, square metres: ``sum_ijk m_view[t] - m_view[t-1]``.
+
+    Ground that is seen from all sides has counted twelve times.
+
+    Example:
+        >>> from autonerf_lab.rewards.conformance import blank_transition
+        >>> step = blank_transition(cell=0.5)
+        >>> step.after.viewpoints[:, 3, 4] = True
+        >>> view(step)
+        3.0
+    """
+    return growth(transition.before.viewpoints, transition.after.viewpoints, transition.after)

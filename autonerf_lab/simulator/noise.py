@@ -1,0 +1,123 @@
+"""Noise of motion and of odometry, as measured on real robots.
+
+``ans``: the Gaussian mixtures that Chaplot et al. (Active Neural SLAM, 2020) fitted to a LoCoBot, for a forward step of
+25 cm and turns of 10 degrees. Their robot frame has y to the right and clockwise angles; here y is to the left and
+angles are counter-clockwise, so both change sign. A turn by another angle is that many turns of 10 degrees: means grow
+with the angle, deviations with its square root.
+
+``locobot``: the far noisier actuation of habitat-sim's model, which adds to the commanded motion whatever its length.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.geometry import FORWARD_STEP, TURN_ANGLE
+from autonerf_lab.types import Action
+
+Motion = tuple[float, float, float]  # metres forward, metres to the left, radians counter-clockwise
+_COMMANDS: dict[Action, Motion] = {
+    Action.FORWARD: (FORWARD_STEP, 0.0, 0.0),
+    Action.TURN_LEFT: (0.0, 0.0, TURN_ANGLE),
+    Action.TURN_RIGHT: (0.0, 0.0, -TURN_ANGLE),
+}
+_MEASURED_FORWARD = 0.25  # metres, the commands that the mixtures were fitted to
+_MEASURED_TURN = float(np.radians(10))
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """One component: weight, mean and standard deviation in mm, mm, degrees, in the frame of the publication."""
+
+    weight: float
+    mean: Motion
+    sigma: Motion
+
+
+_ACTUATION = {
+    Action.FORWARD: (
+        Gaussian(0.580, (245.0, 2.2, 0.0125), (3.7, 2.6, 0.0057)),
+        Gaussian(0.420, (246.5, 1.8, 0.0047), (3.3, 2.6, 0.0062)),
+    ),
+    Action.TURN_LEFT: (
+        Gaussian(0.569, (-1.5, -20.1, -11.52), (0.0, 0.0, 0.32)),
+        Gaussian(0.431, (-1.6, -19.0, -10.93), (0.0, 0.0, 0.26)),
+    ),
+    Action.TURN_RIGHT: (Gaussian(1.0, (-0.8, 19.5, 11.09), (0.0, 0.0, 0.48)),),
+}
+_ODOMETRY = {
+    Action.FORWARD: (
+        Gaussian(0.845, (1.0, -1.1, 0.0), (2.5, 2.3, 0.0022)),
+        Gaussian(0.155, (3.8, 0.0, -0.0006), (2.9, 2.2, 0.0024)),
+    ),
+    Action.TURN_LEFT: (Gaussian(1.0, (2.0, 19.6, 0.198), (1.4, 1.6, 0.084)),),
+    Action.TURN_RIGHT: (
+        Gaussian(0.561, (1.7, -19.3, -0.039), (0.0, 0.0, 0.067)),
+        Gaussian(0.439, (2.3, -19.5, 0.068), (0.0, 0.0, 0.061)),
+    ),
+}
+_LOCOBOT_FORWARD = ((0.014, 0.009, 0.0), (0.077, 0.071, 0.063))  # mean and deviation: metres, metres, radians
+_LOCOBOT_TURN = ((0.0, 0.0, 0.0), (0.045, 0.055, 0.11))
+MODELS = ("ans", "locobot")
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Which noise a simulator has.
+
+    Raises:
+        UnknownNameError: no such model.
+
+    Example:
+        >>> forward, left, turn = Noise().motion(Action.FORWARD, np.random.default_rng(0))
+        >>> 0.2 < forward < 0.3
+        True
+        >>> Noise(actuation=False).motion(Action.FORWARD, np.random.default_rng(0))
+        (0.25, 0.0, 0.0)
+    """
+
+    actuation: bool = True  # the robot does not move as told
+    odometry: bool = True  # nor does it know how it moved (``Observation.pose`` drifts)
+    model: str = "ans"  # of the actuation
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise UnknownNameError("noise model", self.model, MODELS)
+
+    def motion(self, action: Action, rng: np.random.Generator) -> Motion:
+        """What the robot does when told ``action`` and nothing is in its way."""
+        command = _COMMANDS[action]
+        if not self.actuation:
+            return command
+        if self.model == "ans":
+            return _sample(_ACTUATION[action], _scale(action), rng)
+        mean, sigma = _LOCOBOT_FORWARD if action == Action.FORWARD else _LOCOBOT_TURN
+        x, y, turn = np.asarray(command) + rng.normal(mean, sigma)
+        return float(x), float(y), float(turn)
+
+    def odometry_error(self, action: Action, rng: np.random.Generator) -> Motion:
+        """What the wheel sensors add to the motion that took place."""
+        return _sample(_ODOMETRY[action], _scale(action), rng) if self.odometry else (0.0, 0.0, 0.0)
+
+
+def compose(x: float, y: float, heading: float, motion: Motion) -> tuple[float, float, float]:
+    """The planar pose after a motion in the robot's own frame.
+
+    Example:
+        >>> [round(v, 6) for v in compose(1.0, 1.0, np.pi / 2, (0.25, 0.0, 0.1))]
+        [1.0, 1.25, 1.670796]
+    """
+    c, s = np.cos(heading), np.sin(heading)
+    forward, left, turn = motion
+    return float(x + c * forward - s * left), float(y + s * forward + c * left), float(heading + turn)
+
+
+def _scale(action: Action) -> float:
+    return FORWARD_STEP / _MEASURED_FORWARD if action == Action.FORWARD else TURN_ANGLE / _MEASURED_TURN
+
+
+def _sample(mixture: tuple[Gaussian, ...], scale: float, rng: np.random.Generator) -> Motion:
+    component = mixture[rng.choice(len(mixture), p=[g.weight for g in mixture])]
+    x, y, turn = rng.normal(np.array(component.mean) * scale, np.array(component.sigma) * np.sqrt(scale))
+    return float(x) / 1000, -float(y) / 1000, -float(np.radians(turn))

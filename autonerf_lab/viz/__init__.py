@@ -1,0 +1,1 @@
+"""Pictures: of evaluations, of runs, and the page that shows them all."""

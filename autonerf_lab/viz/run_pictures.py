@@ -1,0 +1,117 @@
+"""The pictures that a run keeps for its report, with the words that go with them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from autonerf_lab.viz import figures, story
+from autonerf_lab.viz.gallery import Gallery
+
+if TYPE_CHECKING:
+    from autonerf_lab.evaluators.field import Field
+    from autonerf_lab.scenes.scene import Scene
+    from autonerf_lab.trajectory import Trajectory
+
+
+def draw_walk(folder: Path, scene: "Scene", trajectory: "Trajectory") -> None:
+    """Pictures of the stage ``explore``.
+
+    Args:
+        folder: of the pictures.
+        scene: drawn from above, under the walk.
+        trajectory: the walk; its ``meta`` holds the curves.
+    """
+    gallery = Gallery(folder, "explore")
+    steps, meta = len(trajectory), trajectory.meta
+    area, way, bumps = meta["explored_m2"][-1], meta["path_m"][-1], sum(meta["collided"])
+    gallery.add(
+        "walk",
+        "from_above",
+        figures.walk_view(scene, trajectory.poses),
+        title="The apartment from above",
+        caption=f"{steps} steps, from dark to light; the white dot is the start. The ceiling is taken off.",
+        alt=f"Floor plan of the apartment with furniture, and the line of a walk of {way:.0f} metres through it",
+    )
+    gallery.add(
+        "walk",
+        "frames",
+        story.walk_frames(trajectory),
+        title="What the robot saw",
+        caption="Evenly spaced in time. The field learns from the colours and the classes; depth is for the robot's "
+        "own map only.",
+        alt="A row of camera images along the walk, with depth and class images beneath",
+    )
+    gallery.add(
+        "walk",
+        "curves",
+        story.explored_area(trajectory),
+        title="How much it had seen",
+        caption=f"{area:.0f} m² explored on a way of {way:.0f} m, with {bumps} collisions.",
+        alt=f"Two curves over {steps} steps: the explored area rises to {area:.0f} square metres",
+    )
+    gallery.close()
+
+
+def draw_scores(folder: Path, field: "Field", artifacts: dict[str, Any]) -> None:
+    """Pictures of the stage ``evaluate``, out of the raw material of the scores."""
+    gallery = Gallery(folder, "evaluate")
+    gallery.add(
+        "rendering",
+        "comparison",
+        figures.render_comparison(artifacts["rendering"]),
+        title="Truth and rendering",
+        caption="One row a test pose, from the best to the worst. FLIP is an error as the eye sees it. The last column "
+        "is the error of depth, cut at 50 cm: geometry shows there long before it shows in the colours.",
+        alt="A grid of images: true and rendered colour, classes and depth from four poses, with error maps",
+    )
+    gallery.add(
+        "rendering",
+        "confusion",
+        figures.confusion(artifacts["rendering"]),
+        title="Which class became which",
+        caption="Of the pixels that truly are of the class of a row, how many were rendered as each class.",
+        alt="Confusion matrix of the rendered classes",
+    )
+    gallery.add(
+        "maps",
+        "overlay",
+        figures.map_overlay(artifacts["maps"]),
+        title="Predicted and true maps",
+        caption="Left, every cell that counts: found, missed, imagined, or never seen. Right, where the objects are.",
+        alt="Three floor plans: agreement of the predicted occupancy with the truth, true classes, predicted classes",
+    )
+    gallery.add(
+        "planning",
+        "paths",
+        figures.planned_paths(artifacts["planning"]),
+        title="Planned paths on the true map",
+        caption="Green paths succeed. The colour of a failure is its reason.",
+        alt="Two floor plans with planned paths: to points on the left, to objects on the right",
+    )
+    frames = story.refinement_frames(field, artifacts["pose_refinement"])
+    if frames:
+        gallery.add(
+            "pose_refinement",
+            "animation",
+            frames,
+            title="One camera, step by step",
+            caption="The picture of the field slides over the target as its pose is corrected. Dotted lines are the "
+            "limits of convergence, 3° and 2 cm.",
+            alt="Animation: the view of the field moves towards the target image, beside curves of the two pose errors",
+        )
+    gallery.add(
+        "pose_refinement",
+        "traces",
+        figures.refinement_trace(artifacts["pose_refinement"]),
+        title="All cameras",
+        caption="Each line is a camera. On the right, three of them before and after.",
+        alt="Error curves of all refined cameras, and difference images before and after for three of them",
+    )
+    gallery.add(
+        "mesh",
+        "views",
+        figures.mesh_view(artifacts["mesh"]),
+        title="The mesh, cut open",
+        caption="In the colours of the field, by class, and by its distance to the true surface.",
+        alt="Three slanted views into the reconstructed apartment: coloured, by class, and by distance to the truth",
+    )
+    gallery.close()

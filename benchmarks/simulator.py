@@ -1,0 +1,107 @@
+"""How many frames a second the simulator makes, on one core, beside pyrender and beside casting the same rays.
+
+Prints a table, and as its last line one JSON object. ``--quick`` for a look.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from autonerf_lab.errors import AutoNerfError
+from autonerf_lab.geometry import Intrinsics, camera_rays
+from autonerf_lab.scenes import Scene, load_scene
+from autonerf_lab.simulator import Simulator
+
+
+def frames_per_second(render: Callable[[np.ndarray], object], poses: list[np.ndarray], repeats: int = 3) -> float:
+    """The best of ``repeats`` passes over the poses: the others were disturbed."""
+    render(poses[0])
+    best = float("inf")
+    for _ in range(repeats):
+        start = time.perf_counter()
+        for pose in poses:
+            render(pose)
+        best = min(best, time.perf_counter() - start)
+    return len(poses) / best
+
+
+def subdivided(scene: Scene, triangles: int) -> Scene:
+    """The same surfaces in at least that many triangles: each is cut into four, again and again."""
+    while len(scene.faces) < triangles:
+        corners, uv = scene.vertices[scene.faces], scene.uv
+        scene = Scene(
+            scene.name,
+            _quarters(corners).reshape(-1, 3),
+            np.arange(12 * len(corners), dtype=np.int32).reshape(-1, 3),
+            np.repeat(scene.face_class, 4),
+            np.repeat(scene.face_instance, 4),
+            _quarters(uv),
+            bake=lambda texture=scene.texture: texture,
+        )
+    return scene
+
+
+def _quarters(corners: np.ndarray) -> np.ndarray:
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, *corners.shape[1:])
+
+
+def pyrender_speed(scene: Scene, camera: Intrinsics, poses: list[np.ndarray]) -> float | None:
+    """Frames a second of colour and depth, one sample a pixel; None where OpenGL is missing."""
+    try:
+        from autonerf_lab.simulator.gl import GLRenderer
+
+        with GLRenderer(scene, camera) as renderer:
+            return frames_per_second(renderer.render, poses)
+    except AutoNerfError as error:
+        print(f"pyrender: {error}")
+        return None
+
+
+def cast_speed(sim: Simulator, poses: list[np.ndarray]) -> float:
+    """Images of first hits a second by embree, without making colours of them."""
+
+    def cast(pose: np.ndarray) -> None:
+        rays_o, rays_d = camera_rays(sim.intrinsics, pose)
+        sim.cast(rays_o.reshape(-1, 3), rays_d.reshape(-1, 3))
+
+    return frames_per_second(cast, poses)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer frames, no large meshes")
+    quick = parser.parse_args().quick
+    scene = load_scene("dev-0")
+    camera, small = Intrinsics.from_fov(128, 128), Intrinsics.from_fov(64, 48)
+    plain, fine = Simulator(scene, camera, supersample=1), Simulator(scene, camera, supersample=2)
+    depth_only = Simulator(scene, small, rgb=False)
+    rng = np.random.default_rng(0)
+    poses = [plain.sample_pose(rng) for _ in range(50 if quick else 300)]
+    figures: dict[str, float | None] = {
+        "triangles": len(scene.faces),
+        "rgbd_fps": frames_per_second(plain.render, poses),
+        "rgbd_fps_supersampled": frames_per_second(fine.render, poses),
+        "depth_fps": frames_per_second(lambda pose: depth_only.render(pose, rgb=False), poses),
+        "pyrender_fps": pyrender_speed(scene, camera, poses),
+        "embree_cast_fps": cast_speed(plain, poses),
+    }
+    for size in () if quick else (100_000, 1_000_000):
+        sim = Simulator(subdivided(scene, size), camera, supersample=1)
+        figures[f"rgbd_fps_{size}_triangles"] = frames_per_second(sim.render, poses[:50])
+        figures[f"embree_cast_fps_{size}_triangles"] = cast_speed(sim, poses[:20])
+    if figures["pyrender_fps"]:
+        figures["ratio_to_pyrender"] = float(figures["rgbd_fps"] or 0) / figures["pyrender_fps"]
+    print(f"{'128x128 unless named otherwise, one core':<42}{'value':>10}")
+    for name, value in figures.items():
+        print(f"{name:<42}{'missing' if value is None else f'{value:.1f}':>10}")
+    print(json.dumps({k: v if v is None else round(v, 2) for k, v in figures.items()}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,116 @@
+"""The command line: quick to answer, one line an error, and exit codes that a script can use."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from autonerf_lab import cli, pipeline
+from autonerf_lab.errors import DataError
+
+COMMANDS = ("demo", "scenes", "explore", "fit", "evaluate", "mesh", "report")
+
+
+def run(*arguments, cwd=None):
+    return subprocess.run(
+        [sys.executable, "-m", "autonerf_lab.cli", *arguments], capture_output=True, text=True, check=False, cwd=cwd
+    )
+
+
+def test_help_answers_at_once():
+    started = time.perf_counter()
+    result = run("--help")
+    assert result.returncode == 0
+    assert all(command in result.stdout for command in COMMANDS)
+    assert time.perf_counter() - started < 10  # it takes a fifth of a second; a heavy import takes several
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys, autonerf_lab.cli as c\n"
+        "try: c.main(['--help'])\nexcept SystemExit: pass\n"
+        "assert not {'torch', 'numba', 'pandas', 'trimesh', 'matplotlib'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        cli.main([command, "--help"])
+    assert stopped.value.code == 0
+    assert "usage: autonerf-lab" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["demo", "--policy", "frontire"], "unknown policy 'frontire'; valid names: frontier, random"),
+        (["demo", "--model", "gauss"], "unknown model 'gauss'; valid names: semantic-nerfacto"),
+        (["demo", "--preset", "fats"], "unknown preset 'fats'; valid names: fast, paper, smoke"),
+        (["demo", "--scene", "val-9"], "unknown scene 'val-9'; valid names: dev-0, "),
+        (["explore", "--scene", "nowhere.glb", "--out", "x"], "nowhere.glb"),
+        (["fit", "nowhere"], "nowhere holds no run"),
+        (["report", "nowhere"], "nowhere holds no run"),
+        (["scenes", "show", "val-9"], "unknown scene 'val-9'"),
+        (["scenes", "generate", "1", "--out", "apartment.txt"], "apartment.txt"),
+    ],
+)
+def test_error_is_one_line_and_exit_code_one(arguments, words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(arguments) == 1
+    captured = capsys.readouterr()
+    assert captured.err.startswith("error: ") and captured.err.count("\n") == 1
+    assert words in captured.err
+    assert not list(Path().iterdir())
+
+
+def test_debug_shows_where_it_came_from(capsys):
+    assert cli.main(["fit", "nowhere", "--debug"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys):
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "begin", interrupted)
+    assert cli.main(["demo"]) == 130
+    assert "the same command goes on" in capsys.readouterr().err
+
+
+def test_wrong_arguments_are_exit_code_two():
+    assert run("dmeo").returncode == 2
+
+
+def test_full_disk_is_said_in_one_line(monkeypatch, capsys):
+    def full(*args, **kwargs):
+        raise DataError("cannot write runs/demo/run.json: No space left on device; free some space")
+
+    monkeypatch.setattr(pipeline, "begin", full)
+    assert cli.main(["demo"]) == 1
+    assert "No space left" in capsys.readouterr().err
+
+
+def test_scenes_list(capsys):
+    assert cli.main(["scenes", "list"]) == 0
+    names = capsys.readouterr().out.split()
+    assert len(names) == 35 and {"train-24", "dev-4", "val-0"} <= set(names)
+
+
+def test_scene_goes_out_and_comes_back(tmp_path, capsys):
+    spec, glb, picture = (str(tmp_path / name) for name in ("a.json", "a.glb", "a.png"))
+    assert cli.main(["scenes", "generate", "7", "--out", spec]) == 0
+    assert cli.main(["scenes", "show", spec, "--out", picture]) == 0
+    assert Path(picture).read_bytes().startswith(b"\x89PNG")
+    assert cli.main(["scenes", "export", spec, "--out", glb]) == 0
+    assert cli.main(["scenes", "import", glb]) == 0
+    assert "triangles" in capsys.readouterr().out
+
+
+def test_broken_pipe_is_not_an_error():
+    command = f"{sys.executable} -m autonerf_lab.cli scenes list | head -n 1"
+    result = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert result.stderr == "" and result.stdout.count("\n") == 1

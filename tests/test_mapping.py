@@ -1,0 +1,160 @@
+import numpy as np
+import pytest
+from toy_scene import empty_room, two_rooms
+
+from autonerf_lab.geometry import Intrinsics, planar_pose, world_to_cell
+from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.simulator import Simulator
+from autonerf_lab.types import Observation
+
+CAMERA = Intrinsics.from_fov(64, 64)
+
+
+def _observe(sim, *planar):
+    return sim.reset(pose=planar_pose(*planar))
+
+
+def _at(state, x, y):
+    return tuple(world_to_cell(np.array([x, y]), state.origin, state.cell))
+
+
+def _one_pixel(depth, row, label=0, size=65):
+    """A camera at the origin looking along +x that measures one pixel of the middle column."""
+    depths, labels = np.zeros((size, size), np.float32), np.zeros((size, size), np.uint8)
+    depths[row, size // 2], labels[row, size // 2] = depth, label
+    return Observation(np.zeros((size, size, 3), np.uint8), depths, labels, planar_pose(0.01, 0.01, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("depth", "up", "explored", "occupied"),
+    [
+        (2.02, 0.0, True, True),  # at the height of the camera
+        (2.02, -0.3, True, True),  # 0.88 - 0.606 = 0.274 m
+        (2.02, -0.33, True, False),  # 0.213 m: below the band, but explored
+        (2.02, 0.01, True, False),  # 0.900 m: just over the camera + 1 cm
+        (0.4, 0.0, False, False),  # too near
+        (5.2, 0.0, False, False),  # too far
+        (0.0, 0.0, False, False),  # no measurement
+    ],
+)
+def test_what_one_measurement_marks(depth, up, explored, occupied):
+    focal = 1000.0  # the middle row is the horizon; one row is 1/1000
+    row = 400 - round(up * focal)
+    camera = Intrinsics(1, 801, focal, focal, 0.5, 400.5)
+    depths = np.zeros((801, 1), np.float32)
+    depths[row, 0] = depth
+    labels = np.full((801, 1), 3, np.uint8)
+    seen = Observation(np.zeros((801, 1, 3), np.uint8), depths, labels, planar_pose(0.01, 0.01, 0.0))
+    after = update(empty_map(seen.pose), seen, camera)
+    cell = _at(after, 0.01 + depth, 0.01)
+    assert after.explored[cell] == explored or depth < 0.2
+    assert after.occupied.sum() == after.semantics.sum() == int(occupied)
+    assert after.occupied[cell] == occupied and after.semantics[2][cell] == occupied
+
+
+def test_ground_is_explored_up_to_the_wall_and_not_behind():
+    camera = Intrinsics.from_fov(128, 128)
+    sim = Simulator(empty_room(), camera, rgb=False)
+    observation = _observe(sim, 1.02, 1.52, 0.0)
+    after = update(empty_map(observation.pose), observation, camera)
+    for x, y, seen in [(1.6, 1.5, True), (3.9, 1.5, True), (2.6, 2.9, True), (1.6, 2.3, False), (0.5, 1.5, False)]:
+        assert after.explored[_at(after, x, y)] == seen, (x, y)
+    columns = np.flatnonzero(after.explored.any(axis=0))
+    assert columns.max() == _at(after, 4.0, 1.5)[1]  # the wall's own cells end it
+    wall = after.occupied[:, columns.max()]
+    assert wall.sum() * after.cell == pytest.approx(3.0, abs=0.15)  # 3 m of wall, and gaps nowhere
+    # 90 degrees from about (1, 1.5) in a room of 4 x 3 m: a triangle up to the side walls, then a rectangle.
+    area = 1.5 * 1.5 + (3.0 - 1.5) * 3.0
+    assert after.explored.sum() * after.cell**2 == pytest.approx(area, rel=0.08)
+
+
+def test_furniture_hides_the_floor_behind_it_only_when_it_is_tall():
+    sim = Simulator(two_rooms(), CAMERA, rgb=False)
+    observation = _observe(sim, 7.62, 2.03, -np.pi / 2)  # towards the refrigerator
+    after = update(empty_map(observation.pose), observation, CAMERA)
+    front = _at(after, 7.7, 0.5999)
+    assert after.occupied[front] and after.semantics[9][front]
+    assert not after.occupied[_at(after, 7.7, 0.3)]
+    assert not after.explored[_at(after, 7.7, 0.45)]
+    bed = _observe(sim, 0.75, 1.0, np.pi / 2)
+    after = update(empty_map(bed.pose), bed, CAMERA)
+    assert after.semantics[3][_at(after, 0.4, 2.4)] and after.explored[_at(after, 0.4, 2.9)]
+
+
+def test_an_image_never_writes_behind_what_it_sees():
+    """Against the scene: a ray to an explored cell, at the height of the camera, is not stopped early by a wall."""
+    sim = Simulator(two_rooms(), CAMERA, rgb=False)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        observation = sim.reset(pose=sim.sample_pose(rng))
+        after = update(empty_map(observation.pose), observation, CAMERA)
+        cells = np.argwhere(after.explored & ~after.visited)
+        targets = (cells[:, ::-1] + 0.5) * after.cell + after.origin
+        eye = observation.pose[:3, 3]
+        flat = np.c_[targets, np.full(len(targets), eye[2])] - eye
+        t = sim.cast(np.broadcast_to(eye, flat.shape), flat).t
+        beyond = (1 - t) * np.linalg.norm(flat, axis=1)  # metres past the first surface
+        # Past it lie cells a ray over the refrigerator ends in, and a few beside the edge of the doorway.
+        assert (beyond > 0.15).sum() <= 0.015 * max(len(beyond), 1)
+
+
+def test_updates_are_pure_and_only_add():
+    sim = Simulator(two_rooms(), CAMERA, rgb=False)
+    state = empty_map(sim.reset(seed=1).pose)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        observation = sim.step(rng.integers(3))
+        names = ("occupied", "explored", "visited", "semantics", "viewpoints")
+        copies = {name: getattr(state, name).copy() for name in names}
+        after = update(state, observation, CAMERA)
+        for name, copy in copies.items():
+            np.testing.assert_array_equal(getattr(state, name), copy)
+            assert not (copy & ~getattr(after, name)).any()
+        again = update(after, observation, CAMERA)
+        for name in names:
+            np.testing.assert_array_equal(getattr(again, name), getattr(after, name))
+        assert not (after.visited & ~after.explored).any()
+        assert not (after.semantics.any(axis=0) & ~after.occupied).any()
+        state = after
+
+
+def test_viewpoints_name_the_direction_back_to_the_camera():
+    sim = Simulator(empty_room(), CAMERA, rgb=False)
+    # Seen from the west: the camera lies at 180 degrees, bin 6 = [180, 210) or bin 5 = [150, 180).
+    west = _observe(sim, 0.5, 1.45, 0.0)
+    after = update(empty_map(west.pose), west, CAMERA)
+    cell = _at(after, 2.0, 1.6)
+    assert np.flatnonzero(after.viewpoints[(slice(None), *cell)]).tolist() == [6]
+    south = _observe(sim, 2.1, 0.5, np.pi / 2)
+    after = update(after, south, CAMERA)
+    assert np.flatnonzero(after.viewpoints[(slice(None), *cell)]).tolist() == [6, 9]  # 275 degrees
+    seen = after.viewpoints.any(axis=0)
+    np.testing.assert_array_equal(seen | after.visited, after.explored)  # every seen cell, obstacle or not
+
+
+def test_visited_is_the_disc_of_the_body():
+    sim = Simulator(empty_room(), CAMERA, rgb=False)
+    observation = _observe(sim, 2.0, 1.5, 0.0)
+    after = update(empty_map(observation.pose), observation, CAMERA)
+    assert after.visited.sum() * after.cell**2 == pytest.approx(np.pi * 0.18**2, rel=0.15)
+
+
+def test_the_border_of_the_map_is_the_end_of_the_world():
+    sim = Simulator(two_rooms(), CAMERA, rgb=False)
+    observation = _observe(sim, 1.0, 1.5, 0.0)
+    after = update(empty_map(observation.pose, size=20), observation, CAMERA)
+    assert after.explored.any()
+    moved = _observe(sim, 6.5, 1.5, 0.0)
+    np.testing.assert_array_equal(update(after, moved, CAMERA).explored, after.explored)
+
+
+def test_wrong_cameras_are_refused():
+    sim = Simulator(empty_room(), CAMERA, rgb=False)
+    observation = _observe(sim, 2.0, 1.5, 0.0)
+    state = empty_map(observation.pose)
+    with pytest.raises(ValueError, match="do not belong"):
+        update(state, observation, CAMERA.resized(32, 32))
+    tilted = observation.pose.copy()
+    tilted[:3, :3] = tilted[:3, :3] @ np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
+    with pytest.raises(ValueError, match="level camera"):
+        update(state, Observation(observation.rgb, observation.depth, observation.semantics, tilted), CAMERA)

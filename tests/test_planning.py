@@ -1,0 +1,202 @@
+import numpy as np
+import pytest
+
+from autonerf_lab.geometry import planar_pose
+from autonerf_lab.mapping import empty_map
+from autonerf_lab.planning import LocalPolicy, descend, dilate, path_length, travel_distance
+from autonerf_lab.types import Action
+
+MAZE = """
+..........
+.####.....
+....#..##.
+.##.#...#.
+.#..#.#.#.
+.#.##.#...
+......####
+"""
+X = np.inf
+# Made with scikit-fmm 2025.6.23: skfmm.distance of a masked array of ones, 0 at the goal, dx=1, order=1.
+SKFMM = np.array(
+    [
+        [6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0],
+        [5.0, X, X, X, X, 12.0, 12.545328925, 13.442230407, 14.370902299, 15.318743358],
+        [4.0, 3.0, 2.0, 1.0, X, 11.0, 11.707106781, X, X, 16.318743358],
+        [5.0, X, X, 0.0, X, 10.0, 11.0, 12.0, X, 17.318743358],
+        [6.0, X, 2.0, 1.0, X, 9.0, X, 13.0, X, 17.0],
+        [7.0, X, 3.0, X, X, 8.0, X, 14.0, 15.0, 16.0],
+        [6.0, 5.0, 4.0, 5.0, 6.0, 7.0, X, X, X, X],
+    ]
+)
+
+
+def _grid(text):
+    return np.array([[c == "." for c in row] for row in text.split()])
+
+
+def test_distances_are_those_of_scikit_fmm():
+    distance = travel_distance(_grid(MAZE), np.array([[3, 3]]))
+    np.testing.assert_allclose(distance, SKFMM, rtol=0, atol=2e-9)
+
+
+def test_one_diagonal_step_worked_by_hand():
+    distance = travel_distance(np.ones((2, 2), bool), np.array([[0, 0]]), cell=2.0)
+    # Both neighbours at 1: (T - 1)^2 + (T - 1)^2 = 1, so T = 1 + 1 / sqrt 2, in cells of 2 m.
+    np.testing.assert_allclose(distance, [[0, 2], [2, 2 + np.sqrt(2)]])
+
+
+def test_error_on_open_ground_vanishes_with_the_cell():
+    errors = []
+    for size in (41, 161):
+        middle = size // 2
+        distance = travel_distance(np.ones((size, size), bool), np.array([[middle, middle]]), 1 / size)
+        rows, cols = np.mgrid[:size, :size]
+        exact = np.hypot(rows - middle, cols - middle) / size
+        errors.append(np.abs(distance - exact).max())
+        assert (distance >= exact - 1e-12).all()  # never shorter than the straight line
+    assert errors[1] < 0.4 * errors[0]
+    assert errors[1] < 0.01
+
+
+def test_stopping_early_changes_nothing_that_was_reached():
+    free = np.random.default_rng(0).random((30, 40)) > 0.2
+    free[5, 5] = free[20, 30] = True
+    full = travel_distance(free, np.array([[5, 5]]))
+    early = travel_distance(free, np.array([[5, 5]]), stop_at=(20, 30))
+    assert np.isfinite(full[20, 30])
+    reached = np.isfinite(early)
+    np.testing.assert_array_equal(early[reached], full[reached])
+    assert (full[reached] <= full[20, 30]).all() and not reached.all()
+
+
+def test_goal_may_be_a_mask_and_blocked_goals_do_not_count():
+    free = np.ones((5, 5), bool)
+    free[0] = False
+    goal = np.zeros((5, 5), bool)
+    goal[0, 0] = goal[4, 4] = True
+    np.testing.assert_array_equal(travel_distance(free, goal), travel_distance(free, np.array([[4, 4]])))
+    assert np.isinf(travel_distance(free, np.array([[0, 0]]))).all()
+
+
+def test_descent_in_the_maze_ends_at_the_goal_and_crosses_no_wall():
+    free = _grid(MAZE)
+    distance = travel_distance(free, np.array([[3, 3]]))
+    for start in np.argwhere(np.isfinite(distance)):
+        path = descend(distance, start)
+        assert path[0].tolist() == start.tolist() and path[-1].tolist() == [3, 3]
+        assert free[tuple(path.T)].all()
+        assert (np.diff(distance[tuple(path.T)]) < 0).all()
+        assert path_length(path) <= 1.05 * distance[tuple(start)] + 1e-9
+
+
+def test_descent_on_open_ground_is_nearly_straight():
+    distance = travel_distance(np.ones((120, 120), bool), np.array([[10, 10]]), 0.05)
+    for start in [(100, 100), (100, 60), (31, 117)]:
+        straight = 0.05 * np.hypot(start[0] - 10, start[1] - 10)
+        assert path_length(descend(distance, start, 0.05), 0.05) < 1.01 * straight
+
+
+def test_descent_from_a_blocked_cell_stays():
+    distance = travel_distance(_grid("..#."), np.array([[0, 0]]))
+    assert descend(distance, (0, 3)).tolist() == [[0, 3]]
+
+
+@pytest.mark.parametrize("radius", [0, 1, 2.5, 4])
+def test_dilation_is_a_disc_around_every_cell(radius):
+    mask = np.random.default_rng(1).random((20, 25)) < 0.03
+    rows, cols = np.mgrid[:20, :25]
+    want = np.zeros_like(mask)
+    for r, c in np.argwhere(mask):
+        want |= np.hypot(rows - r, cols - c) <= radius
+    np.testing.assert_array_equal(dilate(mask, radius), want)
+
+
+def _map(walls=(), heading=0.0, size=120):
+    """6 m a side, robot in the middle at the world's origin; walls are (x0, y0, x1, y1), metres."""
+    state = empty_map(planar_pose(0.01, 0.01, heading), size=size)
+    state.explored[:] = True
+    for x0, y0, x1, y1 in walls:
+        cols = slice(round((x0 + 3) / 0.05), max(round((x0 + 3) / 0.05) + 1, round((x1 + 3) / 0.05)))
+        rows = slice(round((y0 + 3) / 0.05), max(round((y0 + 3) / 0.05) + 1, round((y1 + 3) / 0.05)))
+        state.occupied[rows, cols] = True
+    return state
+
+
+def test_turns_to_the_waypoint_then_walks():
+    local = LocalPolicy()
+    assert local.act(_map(), np.array([2.0, 0.0])) == Action.FORWARD
+    assert local.act(_map(), np.array([0.0, 2.0])) == Action.TURN_LEFT
+    assert LocalPolicy().act(_map(), np.array([0.0, -2.0])) == Action.TURN_RIGHT
+    assert LocalPolicy().act(_map(heading=np.pi / 2), np.array([0.0, 2.0])) == Action.FORWARD
+
+
+def _walk(local, state, waypoint, steps, truth=None):
+    """A robot that moves as told, but not through the cells of ``truth`` (those of the map without)."""
+    from dataclasses import replace
+
+    from autonerf_lab.geometry import planar_from_pose, world_to_cell
+
+    x, y, heading = planar_from_pose(state.pose)
+    track = [(x, y)]
+    for _ in range(steps):
+        state = replace(state, pose=planar_pose(x, y, heading))
+        action = local.act(state, np.asarray(waypoint))
+        if np.hypot(x - waypoint[0], y - waypoint[1]) < 0.3:
+            break
+        if action == Action.FORWARD:
+            to = (x + 0.25 * np.cos(heading), y + 0.25 * np.sin(heading))
+            ways = np.linspace((x, y), to, 6)[1:]
+            cells = world_to_cell(ways, state.origin, state.cell)
+            if not (state.occupied if truth is None else truth)[tuple(cells.T)].any():
+                x, y = to
+        else:
+            heading += np.radians(30) * (1 if action == Action.TURN_LEFT else -1)
+        track.append((x, y))
+    return np.array(track)
+
+
+def test_walks_around_a_wall_at_a_distance():
+    state = _map([(1.0, -2.0, 1.1, 2.0)])
+    track = _walk(LocalPolicy(), state, (2.0, 0.0), 60)
+    assert np.hypot(*(track[-1] - (2.0, 0.0))) < 0.3
+    across = track[(np.abs(track[:, 0] - 1.05) < 0.15)]
+    assert (np.abs(across[:, 1]) > 2.0 + 0.1).all()
+
+
+def test_unseen_obstacle_is_felt_and_passed():
+    truth = np.zeros((120, 120), bool)
+    truth[50:70, 80:84] = True  # a low table at x in [1, 1.2], y in [-0.5, 0.5] that is on no map
+    state = _map()
+    local = LocalPolicy()
+    track = _walk(local, state, (2.0, 0.0), 120, truth)
+    assert np.hypot(*(track[-1] - (2.0, 0.0))) < 0.3
+
+
+def test_waypoint_in_a_wall_or_a_closed_room_leads_to_the_nearest_place():
+    inside = [(1, 1, 2, 1.1), (1, 2, 2.1, 2.1), (1, 1, 1.1, 2), (2, 1, 2.1, 2.1)]
+    local = LocalPolicy()
+    track = _walk(local, _map(inside), (1.5, 1.5), 60)
+    assert local.blocked and local.arrived
+    assert np.hypot(*(track[-1] - (1.5, 1.5))) < 1.2
+    wall = LocalPolicy()
+    track = _walk(wall, _map([(2, -3, 2.2, 3)]), (2.1, 0.0), 40)
+    assert 1.4 < track[-1, 0] < 2.0
+
+
+def test_waypoint_off_the_map_is_clipped_to_it():
+    assert LocalPolicy().act(_map(), np.array([500.0, 0.0])) == Action.FORWARD
+
+
+def test_a_doorway_as_wide_as_the_body_is_passed():
+    """70 cm of doorway, mapped 10 cm too narrow on either side as depth at an angle does."""
+    state = _map([(1.0, -3.0, 1.1, -0.25), (1.0, 0.25, 1.1, 3.0)])
+    track = _walk(LocalPolicy(), state, (2.0, 0.0), 40)
+    assert np.hypot(*(track[-1] - (2.0, 0.0))) < 0.3
+
+
+def test_new_obstacle_on_the_path_changes_it():
+    local = LocalPolicy()
+    assert local.act(_map(), np.array([2.5, 0.0])) == Action.FORWARD
+    assert (np.abs(local.path[:, 0] - 60) <= 1).all()  # straight along the row
+    local.act(_map([(1.0, -1.0, 1.1, 1.0)]), np.array([2.5, 0.0]))
+    assert (np.abs(local.path[:, 0] - 60) > 20).any()
