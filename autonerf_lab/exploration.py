@@ -7,13 +7,16 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.mapping import empty_map, update
 from autonerf_lab.policies import Policy, make_policy
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory
+from autonerf_lab.types import MapState
 
+MAP_SIZE = 640  # 32 m: an apartment of 15 m fits, wherever in it the robot starts
 _POLICY_STREAM = 1  # second word of the policy's seed: its draws must not repeat those of the start pose
 
 
@@ -37,6 +40,7 @@ def explore(
     seed: int = 0,
     progress: bool = True,
     pose: np.ndarray | None = None,
+    map_size: int = MAP_SIZE,
 ) -> Trajectory:
     """Walk ``steps`` actions and keep the image before each.
 
@@ -47,6 +51,7 @@ def explore(
         seed: of the start pose, the noise and the policy.
         progress: show a bar.
         pose: (4, 4) start, instead of one drawn from the seed.
+        map_size: cells of 5 cm a side of the robot's map, which is centred on the start.
 
     Returns:
         The trajectory. Its poses are those of odometry, as a robot has them. ``meta`` holds ``actions`` and whether
@@ -55,7 +60,7 @@ def explore(
 
     Raises:
         UnknownNameError: no such policy.
-        SceneError: the robot cannot stand at ``pose``.
+        SceneError: the robot cannot stand at ``pose``, or it came to the edge of its map.
 
     Example:
         >>> from autonerf_lab.geometry import Intrinsics
@@ -71,7 +76,7 @@ def explore(
     chosen: Policy = make_policy(policy) if isinstance(policy, str) else policy
     chosen.reset(np.random.default_rng([seed, _POLICY_STREAM]))
     observation = sim.reset(seed=seed, pose=pose)
-    known = empty_map(observation.pose)
+    known = empty_map(observation.pose, map_size)
     shape = (steps, *observation.depth.shape)
     poses, true_poses = np.empty((steps, 4, 4)), np.empty((steps, 3))
     rgb, depth, semantics = np.empty((*shape, 3), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
@@ -81,6 +86,7 @@ def explore(
     path: list[float] = []
     length = 0.0
     for t in tqdm(range(steps), desc=f"explore {sim.scene.name} ({name})", disable=not progress, unit="step"):
+        _check_inside(observation.pose, known)
         known = update(known, observation, sim.intrinsics)
         poses[t], rgb[t], depth[t], semantics[t] = (
             observation.pose,
@@ -112,3 +118,14 @@ def explore(
     if sim.noise.actuation or sim.noise.odometry:
         meta["true_poses"] = true_poses.tolist()
     return Trajectory(poses, rgb, depth, semantics, sim.intrinsics, meta)
+
+
+def _check_inside(pose: np.ndarray, known: MapState) -> None:
+    """A robot that walks off its map would plan on nothing."""
+    reach = known.occupied.shape[0] * known.cell / 2
+    away = np.abs(pose[:2, 3] - known.origin - reach).max()
+    if away > reach - 1.0:
+        raise SceneError(
+            f"the robot is {away:.1f} m from its start and its map ends at {reach:.1f} m; "
+            f"explore with a larger map_size (now {known.occupied.shape[0]} cells)"
+        )

@@ -1,7 +1,7 @@
 """Fields and trainings on disk: safetensors for numbers, JSON for the rest, nothing that could run code.
 
-``nerf.safetensors`` holds parameters, cameras and the visibility grid; ``nerf.json``, written last, says how to put them
-together. A training in progress keeps ``training.safetensors``, which goes when the field is saved.
+``nerf.safetensors`` holds parameters, cameras and the visibility grid; ``nerf.json``, written last, says how to put
+them together. A training in progress keeps ``training.safetensors``, which goes when the field is saved.
 """
 
 import json

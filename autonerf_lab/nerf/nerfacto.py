@@ -163,7 +163,7 @@ class SemanticNerfacto:
         gradients = {name: np.zeros((fused.CHUNKS, *self.parameters[name].shape), np.float32) for name in MATRICES}
         fused.train_rays(
             matrices, _transposed(matrices), tuple(gradients.values()), enc, features, edges, target, labels,
-            background, scales, d_features, weights, self._buffer("color", count, 3), sums,
+            background, scales, True, d_features, weights, self._buffer("color", count, 3), sums,
         )  # fmt: skip
         gradients = {name: value.sum(axis=0) for name, value in gradients.items()}
         gradients["table"] = self._table_gradient("table", self.grid, x, enc)
@@ -280,7 +280,8 @@ class SemanticNerfacto:
             matrices, _transposed(matrices), unused, enc, features, edges, target,
             np.full(padded, NO_LABEL), np.zeros((padded, 3), np.float32),
             np.array([1 / 3, 0, 0, self.settings.turn, self.settings.min_weight], np.float32),
-            d_features, self._buffer("weights", padded, self.settings.samples), color, np.empty((fused.CHUNKS, 4)),
+            False, d_features, self._buffer("weights", padded, self.settings.samples), color,
+            np.empty((fused.CHUNKS, 4)),
         )  # fmt: skip
         d_x, d_o, d_d = np.empty_like(x), np.empty_like(rays[0]), np.empty_like(rays[1])
         grid, box = self.grid, self.box

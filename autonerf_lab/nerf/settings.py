@@ -9,10 +9,10 @@ from autonerf_lab.config import Preset
 class NerfactoSettings:
     """Sizes, losses and schedule. Lengths in metres."""
 
-    steps: int = 1000
-    rays: int = 4096  # a step; a multiple of 8
-    samples: int = 24  # bins of the last round, where colour and semantics are evaluated
-    proposal_samples: tuple[int, ...] = (64,)  # bins of each proposal round before it
+    steps: int = 1100
+    rays: int = 3072  # a step; a multiple of 8
+    samples: int = 16  # bins of the last round, where colour and semantics are evaluated
+    proposal_samples: tuple[int, ...] = (48,)  # bins of each proposal round before it
     proposal_every: int = 1  # after the warm-up, proposals learn every so many steps
     near: float = 0.05
     far: float = 16.0
@@ -29,12 +29,12 @@ class NerfactoSettings:
     proposal_fine: float = 0.06
     proposal_hidden: int = 16
     appearance: int = 0  # values learned for each training image
-    semantic_weight: float = 0.02
+    semantic_weight: float = 0.1
     distortion_weight: float = 0.002
     interlevel_weight: float = 1.0
     learning_rate: float = 1e-2  # of the networks
-    table_rate: float = 5.0  # the hash tables learn this many times faster: an entry is touched by few batches
-    final_learning_rate: float = 3e-4
+    table_rate: float = 10.0  # the hash tables learn this many times faster: an entry is touched by few batches
+    final_learning_rate: float = 2e-3
     warmup: float = 0.01  # share of the training in which the rate rises
     margin: float = 1.5  # the box that is not squeezed reaches this far beyond the cameras
     shell: float = 0.25  # thickness of the shell that holds the rest of the world, in half sizes of the box
@@ -53,6 +53,10 @@ SETTINGS: dict[str, NerfactoSettings] = {
     "fast": NerfactoSettings(),
     "paper": NerfactoSettings(
         steps=30_000,
+        rays=4096,
+        semantic_weight=0.02,
+        table_rate=1.0,
+        min_weight=0.0,
         samples=48,
         proposal_samples=(256, 96),
         proposal_every=5,

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def dilate(mask: np.ndarray, radius: float) -> np.ndarray:
     """Cells whose centre is within ``radius`` cells of a set cell's centre.
 

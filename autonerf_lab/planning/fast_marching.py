@@ -94,7 +94,7 @@ def path_length(path: np.ndarray, cell: float = 1.0) -> float:
     return float(np.linalg.norm(np.diff(np.asarray(path, dtype=np.float64), axis=0), axis=1).sum() * cell)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _march(free: np.ndarray, goal: np.ndarray, stop: int, distance: np.ndarray) -> None:
     """Writes ``distance`` in cells; it must come filled with inf.
 
@@ -161,7 +161,7 @@ def _march(free: np.ndarray, goal: np.ndarray, stop: int, distance: np.ndarray) 
             heap[i], keys[i], place[n] = n, value, i
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _clear(distance: np.ndarray, r0: int, c0: int, r1: int, c1: int) -> bool:
     """Is every cell under the straight line, but for its first, reachable?"""
     steps = 2 * max(abs(r1 - r0), abs(c1 - c0))
@@ -173,7 +173,7 @@ def _clear(distance: np.ndarray, r0: int, c0: int, r1: int, c1: int) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _descend(distance: np.ndarray, radius: int, path: np.ndarray) -> int:
     rows, cols = distance.shape
     count = 1

@@ -1,11 +1,12 @@
 """One training step and one rendering, fused: a block of rays goes through the whole field while it sits in the cache.
 
-A plain torch step writes every activation of 100,000 samples to memory and reads it back, several times. Here each thread
-takes a few rays at a time through density, heads, compositing, losses and back, and only gradients leave the block.
+A plain torch step writes every activation of 50,000 samples to memory and reads it back, several times. Here each
+thread takes a few rays at a time through density, heads, compositing, losses and back, and only gradients leave the
+block.
 
-Most samples of a ray lie in empty space or behind a wall. Once the densities of a block are known, only *active* samples,
-whose weight exceeds ``min_weight``, go through the heads and back: their columns are packed side by side. The others have
-a gradient that is smaller still, for the exponential activation multiplies it by the density.
+Most samples of a ray lie in empty space or behind a wall. Once the densities of a block are known, only *active*
+samples, whose weight exceeds ``min_weight``, go through the heads and back: their columns are packed side by side. The
+others have a gradient that is smaller still, for the exponential activation multiplies it by the density.
 
 ``params`` is a tuple of float32 matrices, sizes multiples of 4 (``nerfacto.MATRICES``): density hidden (H, 2 L) and
 output (16, H); colour first layer from the geometry features (H, 16) and from the ray's features (H, F), second (H, H),
@@ -42,17 +43,29 @@ def _buffer(rows, columns):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _pack(weights, min_weight, columns, owners, packed):
-    """Columns, rays and weights of the active samples of a block; returns their number, filled up to whole lanes."""
+def _pack(weights, min_weight, columns, owners, owned, packed):
+    """Finds the active samples of a block; returns their number, and that number filled up to whole lanes.
+
+    Sums over a ray and copies to its samples become products with two thin matrices, which the dense kernels do fast:
+    ``owned[r, k]`` is 1 where sample k lies on ray r, ``packed[r, k]`` is its weight there. Fillers belong to no ray.
+    """
     count, samples = 0, weights.shape[1]
     for r in range(weights.shape[0]):
         for i in range(samples):
             if weights[r, i] > min_weight:
-                columns[count], owners[count], packed[count] = r * samples + i, r, weights[r, i]
+                columns[count], owners[count] = r * samples + i, r
                 count += 1
     full = (count + LANES - 1) // LANES * LANES
-    for n in range(count, full):  # fillers repeat the first column with no weight
-        columns[n], owners[n], packed[n] = columns[0] if count else 0, 0, ZERO
+    columns[count:full] = 0
+    owners[count:full] = 0
+    for r in range(weights.shape[0]):
+        for k in range(full):
+            owned[r, k] = ZERO
+            packed[r, k] = ZERO
+    for k in range(count):
+        r = owners[k]
+        owned[r, k] = ONE
+        packed[r, k] = weights[r, columns[k] - r * samples]
     return count, full
 
 
@@ -64,11 +77,9 @@ def _gather(source, columns, n, target):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _heads(params, ray_part, owners, n, g, c0, c1, rgb, s0):
+def _heads(params, ray_part, owned, n, g, c0, c1, rgb, s0):
     """Colours and the semantic hidden layer of n packed samples; the semantic output waits until after compositing."""
-    for j in range(c0.shape[0]):
-        for k in range(n):
-            c0[j, k] = ray_part[j, owners[k]]
+    dense(ray_part, owned, c0, n)
     dense_add(params[2], g, c0, n)
     relu(c0, n)
     dense(params[4], c0, c1, n)
@@ -82,13 +93,12 @@ def _heads(params, ray_part, owners, n, g, c0, c1, rgb, s0):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _composite(values, packed, owners, n, out):
-    """out[j, r] = sum over the samples k of ray r of packed[k] values[j, k]."""
+def _composite(values, packed, n, out):
+    """out[j, r] = sum over the samples k of ray r of packed[r, k] values[j, k]."""
     for j in range(out.shape[0]):
         for r in range(out.shape[1]):
             out[j, r] = ZERO
-        for k in range(n):
-            out[j, owners[k]] += packed[k] * values[j, k]
+    weight_gradient(values, packed, out, n)
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
@@ -132,47 +142,41 @@ def _photometric(shown, left, target, background, first, scale, color, d_color, 
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _samples_backward(rgb, s0, d_color, d_s_ray, packed, owners, n, d_rgb, d_s0, d_packed):
+def _samples_backward(rgb, s0, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_s0, slopes, d_packed):
     """From the gradients of what is rendered to those of packed colours (before the sigmoid), features and weights."""
+    dense(d_s_ray, packed, d_s0, n)
+    dense(d_s_ray_t, s0, slopes, n)
     for k in range(n):
-        d_packed[k] = ZERO
+        d_packed[k] = slopes[owners[k], k]
     for j in range(3):
         for k in range(n):
             value, slope = rgb[j, k], d_color[j, owners[k]]
             d_packed[k] += slope * value
-            d_rgb[j, k] = packed[k] * slope * value * (ONE - value)
-    for j in range(s0.shape[0]):
-        for k in range(n):
-            slope = d_s_ray[j, owners[k]]
-            d_packed[k] += slope * s0[j, k]
-            d_s0[j, k] = packed[k] * slope
+            d_rgb[j, k] = packed[owners[k], k] * slope * value * (ONE - value)
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _heads_backward(transposed, grads, chunk, owners, n, g, c0, c1, s0, d_rgb, d_s0, d_ray, d_c, d_h, d_g):
+def _heads_backward(transposed, grads, chunk, learn, owned, n, g, c0, c1, s0, d_rgb, d_s0, d_ray, d_c, d_h, d_g):
     """Gradients of both heads' weights, of the rays' part and of the packed geometry features."""
-    weight_gradient(d_rgb, c1, grads[5][chunk], n)
     dense(transposed[5], d_rgb, d_c, n)
     relu_backward(c1, d_c, n)
-    weight_gradient(d_c, c0, grads[4][chunk], n)
     dense(transposed[4], d_c, d_h, n)
     relu_backward(c0, d_h, n)
-    weight_gradient(d_h, g, grads[2][chunk], n)
-    for j in range(d_ray.shape[0]):
-        for r in range(BLOCK_RAYS):
-            d_ray[j, r] = ZERO
-        for k in range(n):
-            d_ray[j, owners[k]] += d_h[j, k]
-    dense(transposed[2], d_h, d_g, n)
     relu_backward(s0, d_s0, n)
-    weight_gradient(d_s0, g, grads[6][chunk], n)
+    if learn:
+        weight_gradient(d_rgb, c1, grads[5][chunk], n)
+        weight_gradient(d_c, c0, grads[4][chunk], n)
+        weight_gradient(d_h, g, grads[2][chunk], n)
+        weight_gradient(d_s0, g, grads[6][chunk], n)
+    _composite(d_h, owned, n, d_ray)
+    dense(transposed[2], d_h, d_g, n)
     dense_add(transposed[6], d_s0, d_g, n)
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def train_rays(
     params, transposed, grads, enc, features, edges, target, labels, background, settings,
-    d_features, weights, color, losses,
+    learn, d_features, weights, color, losses,
 ):  # fmt: skip
     """Forward and backward of a batch of rays.
 
@@ -187,6 +191,7 @@ def train_rays(
         background: (R, 3), colour of what is behind the last bin.
         settings: (5,) scales of squared error, cross entropy and distortion (1 / R included), turn of the warp in
             metres, smallest weight of an active sample.
+        learn: whether gradients of the parameters are wanted; pose refinement needs those of the positions only.
         d_features: like ``features``, written.
         weights: (R, S), written.
         color: (R, 3), written, what the ray shows.
@@ -205,10 +210,12 @@ def train_rays(
         ray_part, d_ray = _buffer(hidden, BLOCK_RAYS), _buffer(hidden, BLOCK_RAYS)
         s_ray, d_s_ray = _buffer(hidden, BLOCK_RAYS), _buffer(hidden, BLOCK_RAYS)
         logits, d_logits = _buffer(classes, BLOCK_RAYS), _buffer(classes, BLOCK_RAYS)
-        shown, d_color = _buffer(3, BLOCK_RAYS), _buffer(3, BLOCK_RAYS)
+        shown, d_color = _buffer(4, BLOCK_RAYS), _buffer(3, BLOCK_RAYS)
         left, d_left = np.zeros(BLOCK_RAYS, np.float32), np.zeros(BLOCK_RAYS, np.float32)
         columns, owners = np.zeros(space, np.int64), np.zeros(space, np.int64)
-        packed, d_packed = np.zeros(space, np.float32), np.zeros(space, np.float32)
+        owned, packed = _buffer(BLOCK_RAYS, space), _buffer(BLOCK_RAYS, space)
+        slopes, d_packed = _buffer(BLOCK_RAYS, space), np.zeros(space, np.float32)
+        d_s_ray_t = _buffer(BLOCK_RAYS, hidden)
         d_weights = np.zeros(samples, np.float32)
         squared, entropy, spread, correct = 0.0, 0.0, 0.0, 0.0
         for b in range(chunk * per_chunk, min((chunk + 1) * per_chunk, blocks)):
@@ -219,12 +226,12 @@ def train_rays(
             dense(params[1], h_all, g_all, width)
             for r in range(BLOCK_RAYS):
                 left[r] = ray_weights(g_all[0, r * samples : (r + 1) * samples], edges[first + r], w[r])
-            count, n = _pack(w, settings[4], columns, owners, packed)
+            count, n = _pack(w, settings[4], columns, owners, owned, packed)
             _gather(g_all, columns, n, g)
             dense(params[3], features[b], ray_part, BLOCK_RAYS)
-            _heads(params, ray_part, owners, n, g, c0, c1, rgb, s0)
-            _composite(rgb, packed, owners, n, shown)
-            _composite(s0, packed, owners, n, s_ray)
+            _heads(params, ray_part, owned, n, g, c0, c1, rgb, s0)
+            _composite(rgb, packed, n, shown)
+            _composite(s0, packed, n, s_ray)
             dense(params[7], s_ray, logits, BLOCK_RAYS)
 
             block_entropy, block_correct = _cross_entropy(logits, labels, first, settings[1], d_logits)
@@ -234,8 +241,11 @@ def train_rays(
 
             weight_gradient(d_logits, s_ray, grads[7][chunk], BLOCK_RAYS)
             dense(transposed[7], d_logits, d_s_ray, BLOCK_RAYS)
-            _samples_backward(rgb, s0, d_color, d_s_ray, packed, owners, n, d_rgb, d_s0, d_packed)
-            _heads_backward(transposed, grads, chunk, owners, n, g, c0, c1, s0, d_rgb, d_s0, d_ray, d_c, d_h, d_g)
+            for j in range(hidden):
+                for r in range(BLOCK_RAYS):
+                    d_s_ray_t[r, j] = d_s_ray[j, r]
+            _samples_backward(rgb, s0, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_s0, slopes, d_packed)
+            _heads_backward(transposed, grads, chunk, learn, owned, n, g, c0, c1, s0, d_rgb, d_s0, d_ray, d_c, d_h, d_g)
             weight_gradient(d_ray, features[b], grads[3][chunk], BLOCK_RAYS)
             dense(transposed[3], d_ray, d_features[b], BLOCK_RAYS)
             k = 0
@@ -255,10 +265,11 @@ def train_rays(
                 d_g[:, k] = ZERO
             _gather(h_all, columns, n, h)
             _gather(enc[b], columns, n, x)
-            weight_gradient(d_g, h, grads[1][chunk], n)
             dense(transposed[1], d_g, d_h, n)
             relu_backward(h, d_h, n)
-            weight_gradient(d_h, x, grads[0][chunk], n)
+            if learn:
+                weight_gradient(d_g, h, grads[1][chunk], n)
+                weight_gradient(d_h, x, grads[0][chunk], n)
             dense(transposed[0], d_h, d_x, n)
             enc[b] = ZERO
             for j in range(inputs):
@@ -286,8 +297,9 @@ def render_rays(params, enc, features, edges, min_weight, weights, color, logits
         h, g_all, g = _buffer(hidden, width), _buffer(GEOMETRY, width), _buffer(GEOMETRY, space)
         c0, c1, s0, rgb = _buffer(hidden, space), _buffer(hidden, space), _buffer(hidden, space), _buffer(4, space)
         ray_part, s_ray = _buffer(hidden, BLOCK_RAYS), _buffer(hidden, BLOCK_RAYS)
-        block_logits, shown = _buffer(classes, BLOCK_RAYS), _buffer(3, BLOCK_RAYS)
-        columns, owners, packed = np.zeros(space, np.int64), np.zeros(space, np.int64), np.zeros(space, np.float32)
+        block_logits, shown = _buffer(classes, BLOCK_RAYS), _buffer(4, BLOCK_RAYS)
+        columns, owners = np.zeros(space, np.int64), np.zeros(space, np.int64)
+        owned, packed = _buffer(BLOCK_RAYS, space), _buffer(BLOCK_RAYS, space)
         for b in range(chunk, blocks, CHUNKS):
             first = b * BLOCK_RAYS
             w = weights[first : first + BLOCK_RAYS]
@@ -297,12 +309,12 @@ def render_rays(params, enc, features, edges, min_weight, weights, color, logits
             for r in range(BLOCK_RAYS):
                 ray_weights(g_all[0, r * samples : (r + 1) * samples], edges[first + r], w[r])
                 depth[first + r] = median_depth(edges[first + r], w[r])
-            _, n = _pack(w, min_weight, columns, owners, packed)
+            _, n = _pack(w, min_weight, columns, owners, owned, packed)
             _gather(g_all, columns, n, g)
             dense(params[3], features[b], ray_part, BLOCK_RAYS)
-            _heads(params, ray_part, owners, n, g, c0, c1, rgb, s0)
-            _composite(rgb, packed, owners, n, shown)
-            _composite(s0, packed, owners, n, s_ray)
+            _heads(params, ray_part, owned, n, g, c0, c1, rgb, s0)
+            _composite(rgb, packed, n, shown)
+            _composite(s0, packed, n, s_ray)
             dense(params[7], s_ray, block_logits, BLOCK_RAYS)
             for r in range(BLOCK_RAYS):
                 for k in range(3):

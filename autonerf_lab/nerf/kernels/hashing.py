@@ -12,14 +12,7 @@ from numba import njit, prange
 # The primes of the paper's equation 4; the first is 1, so that neighbours along x share a cache line.
 PRIME_Y = 2654435761
 PRIME_Z = 805459861
-
-
-@njit(inline="always")
-def corner_index(ix, iy, iz, stride_y, stride_z, mask):
-    """Row of a grid corner: a plain 3-D index where the level fits its table (mask 0), else the spatial hash."""
-    if mask == 0:
-        return ix + iy * stride_y + iz * stride_z
-    return (ix ^ (iy * PRIME_Y) ^ (iz * PRIME_Z)) & mask
+ZERO, ONE = np.float32(0.0), np.float32(1.0)  # an integer would make the arithmetic double
 
 
 @njit(inline="always")
@@ -28,6 +21,39 @@ def _locate(x, resolution):
     scaled = x * np.float32(resolution)
     cell = min(max(int(scaled), 0), resolution - 1)
     return cell, scaled - np.float32(cell)
+
+
+@njit(inline="always")
+def _corners(x, y, z, resolution, mask, offset):
+    """Rows of the eight corners of a point's cell (x fastest), and its position in the cell.
+
+    A level that fits its table (mask 0) is indexed as a plain 3-D grid, another one by the spatial hash.
+    """
+    ix, fx = _locate(x, resolution[0])
+    iy, fy = _locate(y, resolution[1])
+    iz, fz = _locate(z, resolution[2])
+    if mask == 0:
+        step_y = resolution[0] + 1
+        step_z = step_y * (resolution[1] + 1)
+        a = offset + ix + iy * step_y + iz * step_z
+        b, c, d = a + step_y, a + step_z, a + step_y + step_z
+        return a, a + 1, b, b + 1, c, c + 1, d, d + 1, fx, fy, fz
+    y0, z0 = iy * PRIME_Y, iz * PRIME_Z
+    y1, z1 = y0 + PRIME_Y, z0 + PRIME_Z
+    jx, a, b, c, d = ix + 1, y0 ^ z0, y1 ^ z0, y0 ^ z1, y1 ^ z1
+    return (
+        offset + ((ix ^ a) & mask),
+        offset + ((jx ^ a) & mask),
+        offset + ((ix ^ b) & mask),
+        offset + ((jx ^ b) & mask),
+        offset + ((ix ^ c) & mask),
+        offset + ((jx ^ c) & mask),
+        offset + ((ix ^ d) & mask),
+        offset + ((jx ^ d) & mask),
+        fx,
+        fy,
+        fz,
+    )
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
@@ -44,27 +70,26 @@ def hash_encode(x, table, offsets, resolutions, masks, out):
     """
     levels, blocks, width = resolutions.shape[0], out.shape[0], out.shape[2]
     # a chunk stays on one level for a while, so that the level's table stays in the cache
-    per_chunk = max(1, 4096 // width)
+    per_chunk = max(1, 16384 // width)
     chunks = (blocks + per_chunk - 1) // per_chunk
     for job in prange(chunks * levels):
         level, first = job % levels, (job // levels) * per_chunk
-        rx, ry, rz = resolutions[level]
-        stride_y, stride_z = rx + 1, (rx + 1) * (ry + 1)
-        mask, offset = masks[level], offsets[level]
-        for n in range(first * width, min(first + per_chunk, blocks) * width):
-            ix, fx = _locate(x[0, n], rx)
-            iy, fy = _locate(x[1, n], ry)
-            iz, fz = _locate(x[2, n], rz)
-            a, b = np.float32(0.0), np.float32(0.0)
-            for corner in range(8):
-                dx, dy, dz = corner & 1, (corner >> 1) & 1, corner >> 2
-                w = (fx if dx else 1 - fx) * (fy if dy else 1 - fy) * (fz if dz else 1 - fz)
-                row = offset + corner_index(ix + dx, iy + dy, iz + dz, stride_y, stride_z, mask)
-                a += w * table[row, 0]
-                b += w * table[row, 1]
-            block, column = n // width, n % width
-            out[block, 2 * level, column] = a
-            out[block, 2 * level + 1, column] = b
+        resolution, mask, offset = resolutions[level], masks[level], offsets[level]
+        for block in range(first, min(first + per_chunk, blocks)):
+            for column in range(width):
+                n = block * width + column
+                i0, i1, i2, i3, i4, i5, i6, i7, fx, fy, fz = _corners(
+                    x[0, n], x[1, n], x[2, n], resolution, mask, offset
+                )
+                gx, gy, gz = ONE - fx, ONE - fy, ONE - fz
+                w0, w1, w2, w3 = gy * gz, fy * gz, gy * fz, fy * fz
+                for k in range(2):
+                    out[block, 2 * level + k, column] = (
+                        w0 * (gx * table[i0, k] + fx * table[i1, k])
+                        + w1 * (gx * table[i2, k] + fx * table[i3, k])
+                        + w2 * (gx * table[i4, k] + fx * table[i5, k])
+                        + w3 * (gx * table[i6, k] + fx * table[i7, k])
+                    )
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
@@ -76,25 +101,26 @@ def hash_encode_backward(x, d_out, offsets, resolutions, masks, d_table):
         d_out: (B, 2 L, W) float32, gradient of its output.
         d_table: (entries, 2) float32, added to.
     """
-    levels, count, width = resolutions.shape[0], x.shape[1], d_out.shape[2]
+    levels, blocks, width = resolutions.shape[0], d_out.shape[0], d_out.shape[2]
     for level in prange(levels):
-        rx, ry, rz = resolutions[level]
-        stride_y, stride_z = rx + 1, (rx + 1) * (ry + 1)
-        mask, offset = masks[level], offsets[level]
-        for n in range(count):
-            block, column = n // width, n % width
-            ga, gb = d_out[block, 2 * level, column], d_out[block, 2 * level + 1, column]
-            if ga == 0.0 and gb == 0.0:
-                continue
-            ix, fx = _locate(x[0, n], rx)
-            iy, fy = _locate(x[1, n], ry)
-            iz, fz = _locate(x[2, n], rz)
-            for corner in range(8):
-                dx, dy, dz = corner & 1, (corner >> 1) & 1, corner >> 2
-                w = (fx if dx else 1 - fx) * (fy if dy else 1 - fy) * (fz if dz else 1 - fz)
-                row = offset + corner_index(ix + dx, iy + dy, iz + dz, stride_y, stride_z, mask)
-                d_table[row, 0] += w * ga
-                d_table[row, 1] += w * gb
+        resolution, mask, offset = resolutions[level], masks[level], offsets[level]
+        for block in range(blocks):
+            for column in range(width):
+                ga, gb = d_out[block, 2 * level, column], d_out[block, 2 * level + 1, column]
+                if ga == ZERO and gb == ZERO:  # a sample that was not active
+                    continue
+                n = block * width + column
+                i0, i1, i2, i3, i4, i5, i6, i7, fx, fy, fz = _corners(
+                    x[0, n], x[1, n], x[2, n], resolution, mask, offset
+                )
+                gx, gy, gz = ONE - fx, ONE - fy, ONE - fz
+                w0, w1, w2, w3 = gy * gz, fy * gz, gy * fz, fy * fz
+                for i, w in ((i0, w0 * gx), (i1, w0 * fx), (i2, w1 * gx), (i3, w1 * fx)):
+                    d_table[i, 0] += w * ga
+                    d_table[i, 1] += w * gb
+                for i, w in ((i4, w2 * gx), (i5, w2 * fx), (i6, w3 * gx), (i7, w3 * fx)):
+                    d_table[i, 0] += w * ga
+                    d_table[i, 1] += w * gb
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
@@ -106,26 +132,31 @@ def hash_encode_points_backward(x, table, d_out, offsets, resolutions, masks, d_
         d_out: (B, 2 L, W) float32, gradient of its output.
         d_x: (3, N) float32, written.
     """
-    levels, count, width = resolutions.shape[0], x.shape[1], d_out.shape[2]
-    for n in prange(count):
-        block, column = n // width, n % width
-        gx, gy, gz = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    levels, width = resolutions.shape[0], d_out.shape[2]
+    for block in prange(d_out.shape[0]):
+        for n in range(block * width, (block + 1) * width):
+            d_x[0, n], d_x[1, n], d_x[2, n] = ZERO, ZERO, ZERO
         for level in range(levels):
-            rx, ry, rz = resolutions[level]
-            stride_y, stride_z = rx + 1, (rx + 1) * (ry + 1)
-            mask, offset = masks[level], offsets[level]
-            ga, gb = d_out[block, 2 * level, column], d_out[block, 2 * level + 1, column]
-            ix, fx = _locate(x[0, n], rx)
-            iy, fy = _locate(x[1, n], ry)
-            iz, fz = _locate(x[2, n], rz)
-            for corner in range(8):
-                dx, dy, dz = corner & 1, (corner >> 1) & 1, corner >> 2
-                wx, wy, wz = fx if dx else 1 - fx, fy if dy else 1 - fy, fz if dz else 1 - fz
-                row = offset + corner_index(ix + dx, iy + dy, iz + dz, stride_y, stride_z, mask)
-                value = ga * table[row, 0] + gb * table[row, 1]
-                gx += (rx if dx else -rx) * wy * wz * value
-                gy += (ry if dy else -ry) * wx * wz * value
-                gz += (rz if dz else -rz) * wx * wy * value
-        d_x[0, n] = gx
-        d_x[1, n] = gy
-        d_x[2, n] = gz
+            resolution, mask, offset = resolutions[level], masks[level], offsets[level]
+            for column in range(width):
+                ga, gb = d_out[block, 2 * level, column], d_out[block, 2 * level + 1, column]
+                if ga == ZERO and gb == ZERO:
+                    continue
+                n = block * width + column
+                i0, i1, i2, i3, i4, i5, i6, i7, fx, fy, fz = _corners(
+                    x[0, n], x[1, n], x[2, n], resolution, mask, offset
+                )
+                gx, gy, gz = ONE - fx, ONE - fy, ONE - fz
+                v0, v1 = ga * table[i0, 0] + gb * table[i0, 1], ga * table[i1, 0] + gb * table[i1, 1]
+                v2, v3 = ga * table[i2, 0] + gb * table[i2, 1], ga * table[i3, 0] + gb * table[i3, 1]
+                v4, v5 = ga * table[i4, 0] + gb * table[i4, 1], ga * table[i5, 0] + gb * table[i5, 1]
+                v6, v7 = ga * table[i6, 0] + gb * table[i6, 1], ga * table[i7, 0] + gb * table[i7, 1]
+                d_x[0, n] += np.float32(resolution[0]) * (
+                    gy * gz * (v1 - v0) + fy * gz * (v3 - v2) + gy * fz * (v5 - v4) + fy * fz * (v7 - v6)
+                )
+                d_x[1, n] += np.float32(resolution[1]) * (
+                    gx * gz * (v2 - v0) + fx * gz * (v3 - v1) + gx * fz * (v6 - v4) + fx * fz * (v7 - v5)
+                )
+                d_x[2, n] += np.float32(resolution[2]) * (
+                    gx * gy * (v4 - v0) + fx * gy * (v5 - v1) + gx * fy * (v6 - v2) + fx * fy * (v7 - v3)
+                )
