@@ -16,7 +16,7 @@ from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory
 
 CAMERA = Intrinsics.from_fov(32, 32)
-SETTINGS_SMALL = replace(SETTINGS["smoke"], rays=512, steps=150)
+SETTINGS_SMALL = replace(SETTINGS["smoke"], rays=512, steps=250)
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.truth import BAND, Grid, TrueMap
 
-OPACITY_THRESHOLD = 0.5
+OPACITY_THRESHOLD = 0.9  # calibrated on train-00 and train-05 by benchmarks/calibrate_opacity.py
 OPACITY_STEP = 0.10  # metres
 LEVELS = 26  # of 3 cm
 TOLERANCE = 0.05  # metres

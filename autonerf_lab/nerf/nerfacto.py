@@ -17,7 +17,8 @@ import torch
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.nerf.encodings import HashGrid, spherical_harmonics
-from autonerf_lab.nerf.kernels import fused, volume
+from autonerf_lab.nerf.kernels import fused, proposals, volume
+from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS, CHUNKS, GEOMETRY
 from autonerf_lab.nerf.kernels.hashing import hash_encode, hash_encode_backward, hash_encode_points_backward
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import NerfactoSettings
@@ -56,12 +57,12 @@ class SemanticNerfacto:
         ]
         shapes = {
             "density_0": (s.hidden, 2 * s.levels),
-            "density_1": (fused.GEOMETRY, s.hidden),
-            "color_geometry": (s.hidden, fused.GEOMETRY),
+            "density_1": (GEOMETRY, s.hidden),
+            "color_geometry": (s.hidden, GEOMETRY),
             "color_ray": (s.hidden, HARMONICS + s.appearance),
             "color_1": (s.hidden, s.hidden),
             "color_2": (4, s.hidden),
-            "semantic_0": (s.hidden, fused.GEOMETRY),
+            "semantic_0": (s.hidden, GEOMETRY),
             "semantic_1": (NUM_CLASSES, s.hidden),
         }
         tables = {"table": self.grid.entries}
@@ -96,7 +97,7 @@ class SemanticNerfacto:
         count, samples = edges.shape[0], edges.shape[1] - 1
         x = self._buffer(f"{name} x", 3, count * samples)
         volume.ray_points(*rays, edges, self.box.center, self.box.half, np.float32(self.box.shell), x)
-        enc = self._buffer(f"{name} enc", count // fused.BLOCK_RAYS, 2 * len(grid.offsets), fused.BLOCK_RAYS * samples)
+        enc = self._buffer(f"{name} enc", count // BLOCK_RAYS, 2 * len(grid.offsets), BLOCK_RAYS * samples)
         hash_encode(x, self.parameters[name], grid.offsets, grid.resolutions, grid.masks, enc)
         return x, enc
 
@@ -111,7 +112,7 @@ class SemanticNerfacto:
         ):
             x, enc = self._encode(f"proposal_{k}_table", self.proposal_grids[k], rays, edges)
             weights, raw = self._buffer(f"weights {k}", count, samples), self._buffer(f"raw {k}", count, samples)
-            fused.propose(self._matrices((f"proposal_{k}_0", f"proposal_{k}_1")), enc, edges, weights, raw)
+            proposals.propose(self._matrices((f"proposal_{k}_0", f"proposal_{k}_1")), enc, edges, weights, raw)
             rounds.append((x, enc, edges, weights, raw))
             finer = self._buffer(f"edges {k + 1}", count, following + 1)
             volume.resample(edges, weights, jitter, np.float32(s.padding / samples), finer)
@@ -122,7 +123,7 @@ class SemanticNerfacto:
         """(R / BLOCK_RAYS, F, BLOCK_RAYS) of unit directions and (R, E) embeddings."""
         harmonics = spherical_harmonics(torch.from_numpy(rays_d)).numpy()
         features = np.concatenate([harmonics, appearance], axis=1)
-        return np.ascontiguousarray(features.reshape(-1, fused.BLOCK_RAYS, features.shape[1]).transpose(0, 2, 1))
+        return np.ascontiguousarray(features.reshape(-1, BLOCK_RAYS, features.shape[1]).transpose(0, 2, 1))
 
     # ---- training
 
@@ -157,10 +158,10 @@ class SemanticNerfacto:
         features = self._ray_features(rays[1], self.parameters["appearance"][frames])
         weights, d_features = self._buffer("weights", count, s.samples), self._buffer("d features", *features.shape)
         matrices = self._matrices(MATRICES)
-        sums = np.zeros((fused.CHUNKS, 4))
+        sums = np.zeros((CHUNKS, 4))
         factors = 1 / (3 * count), s.semantic_weight / count, s.distortion_weight / count
         scales = np.array([*factors, s.turn, s.min_weight], np.float32)
-        gradients = {name: np.zeros((fused.CHUNKS, *self.parameters[name].shape), np.float32) for name in MATRICES}
+        gradients = {name: np.zeros((CHUNKS, *self.parameters[name].shape), np.float32) for name in MATRICES}
         fused.train_rays(
             matrices, _transposed(matrices), tuple(gradients.values()), enc, features, edges, target, labels,
             background, scales, True, d_features, weights, self._buffer("color", count, 3), sums,
@@ -183,10 +184,10 @@ class SemanticNerfacto:
         x, enc, coarse_edges, coarse_weights, raw = learned
         names = (f"proposal_{k}_0", f"proposal_{k}_1")
         matrices = self._matrices(names)
-        sums = np.zeros(fused.CHUNKS)
-        parts = tuple(np.zeros((fused.CHUNKS, *m.shape), np.float32) for m in matrices)
+        sums = np.zeros(CHUNKS)
+        parts = tuple(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices)
         scale = np.float32(self.settings.interlevel_weight / len(edges))
-        fused.propose_backward(
+        proposals.propose_backward(
             matrices, _transposed(matrices), parts, enc, coarse_edges, coarse_weights, raw, edges, weights, scale, sums
         )
         gradients.update(zip(names, (part.sum(axis=0) for part in parts), strict=True))
@@ -237,7 +238,7 @@ class SemanticNerfacto:
 
     def geometry(self, points: np.ndarray) -> np.ndarray:
         """(N, 3) world points -> (N, 16) float32 outputs of the density network; the first is the log density."""
-        out = np.empty((len(points), fused.GEOMETRY), np.float32)
+        out = np.empty((len(points), GEOMETRY), np.float32)
         piece, width = 1 << 17, 128
         for first in range(0, len(points), piece):
             x = self.box.contract(points[first : first + piece])
@@ -245,9 +246,9 @@ class SemanticNerfacto:
             x = np.ascontiguousarray(np.concatenate([x, np.zeros((blocks * width - count, 3), np.float32)]).T)
             enc = np.empty((blocks, 2 * len(self.grid.offsets), width), np.float32)
             hash_encode(x, self.parameters["table"], self.grid.offsets, self.grid.resolutions, self.grid.masks, enc)
-            g = np.empty((blocks, fused.GEOMETRY, width), np.float32)
+            g = np.empty((blocks, GEOMETRY, width), np.float32)
             fused.geometry_features(self._matrices(MATRICES[:2]), enc, g)
-            out[first : first + count] = g.transpose(0, 2, 1).reshape(-1, fused.GEOMETRY)[:count]
+            out[first : first + count] = g.transpose(0, 2, 1).reshape(-1, GEOMETRY)[:count]
         return out
 
     def ray_gradients(
@@ -275,13 +276,13 @@ class SemanticNerfacto:
         features = self._ray_features(rays[1], np.broadcast_to(mean, (padded, len(mean))))
         d_features, color = np.empty_like(features), np.empty((padded, 3), np.float32)
         matrices = self._matrices(MATRICES)
-        unused = tuple(np.zeros((fused.CHUNKS, *m.shape), np.float32) for m in matrices)
+        unused = tuple(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices)
         fused.train_rays(
             matrices, _transposed(matrices), unused, enc, features, edges, target,
             np.full(padded, NO_LABEL), np.zeros((padded, 3), np.float32),
             np.array([1 / 3, 0, 0, self.settings.turn, self.settings.min_weight], np.float32),
             False, d_features, self._buffer("weights", padded, self.settings.samples), color,
-            np.empty((fused.CHUNKS, 4)),
+            np.empty((CHUNKS, 4)),
         )  # fmt: skip
         d_x, d_o, d_d = np.empty_like(x), np.empty_like(rays[0]), np.empty_like(rays[1])
         grid, box = self.grid, self.box
@@ -300,5 +301,5 @@ def _transposed(matrices: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
 
 def _padded(rays: np.ndarray) -> np.ndarray:
     """Rows repeated at the end until they fill whole blocks."""
-    missing = -len(rays) % fused.BLOCK_RAYS
+    missing = -len(rays) % BLOCK_RAYS
     return np.ascontiguousarray(np.concatenate([rays, np.repeat(rays[-1:], missing, axis=0)]) if missing else rays)

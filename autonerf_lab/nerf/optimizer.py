@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from autonerf_lab.nerf.kernels import fused
+from autonerf_lab.nerf.kernels.adam import adam
 
 
 class Adam:
@@ -21,7 +21,7 @@ class Adam:
         """One update of every parameter that has a gradient, each with its rate; gradients are cleared."""
         for name, gradient in gradients.items():
             self.steps[name] += 1
-            fused.adam(
+            adam(
                 self.parameters[name].reshape(-1),
                 gradient.reshape(-1),
                 self.first[name].reshape(-1),

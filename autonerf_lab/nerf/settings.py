@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from autonerf_lab.config import Preset
+from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,9 @@ class NerfactoSettings:
     shell: float = 0.25  # thickness of the shell that holds the rest of the world, in half sizes of the box
 
     def __post_init__(self) -> None:
-        for name in ("rays", "hidden", "proposal_hidden", "appearance"):
+        if self.rays % BLOCK_RAYS:
+            raise ValueError(f"rays must be a multiple of {BLOCK_RAYS}, not {self.rays}")
+        for name in ("hidden", "proposal_hidden", "appearance"):
             if getattr(self, name) % 4:
                 raise ValueError(f"{name} must be a multiple of 4, not {getattr(self, name)}")
         for name in ("levels", "proposal_levels"):

@@ -13,33 +13,20 @@ output (16, H); colour first layer from the geometry features (H, 16) and from t
 output (4, H), of which 3 rows are used; semantic hidden (H, 16) and output (C, H). ``transposed`` holds the same
 matrices transposed, for the way back.
 
-Rays come in whole blocks (R is a multiple of BLOCK_RAYS; callers pad). The work is cut into a fixed number of chunks,
-each with its own gradient buffer, so that sums have the same order, and the same bits, on any number of threads.
+Blocks, chunks and padding: :mod:`autonerf_lab.nerf.kernels.blocks`.
 """
 
 import numpy as np
 from numba import njit, prange
 
+from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS, CHUNKS, GEOMETRY, LANES, ONE, TWO, ZERO, buffer
 from autonerf_lab.nerf.kernels.dense import dense, dense_add, relu, relu_backward, weight_gradient
 from autonerf_lab.nerf.kernels.volume import (
-    ONE,
     distortion,
-    interlevel,
     median_depth,
     ray_weights,
     ray_weights_backward,
 )
-
-CHUNKS = 16
-BLOCK_RAYS = 8
-LANES = 16  # packed columns come in multiples of this, so that vector loops have no remainder
-GEOMETRY = 16  # outputs of the density network; the first is the log density, all of them feed the heads
-ZERO, TWO = np.float32(0.0), np.float32(2.0)
-
-
-@njit(inline="always")
-def _buffer(rows, columns):
-    return np.zeros((rows, columns), np.float32)
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
@@ -202,20 +189,20 @@ def train_rays(
     space = (width + LANES - 1) // LANES * LANES
     per_chunk = (blocks + CHUNKS - 1) // CHUNKS
     for chunk in prange(CHUNKS):
-        h_all, g_all, d_all = _buffer(hidden, width), _buffer(GEOMETRY, width), _buffer(1, width)
-        x, h, g = _buffer(inputs, space), _buffer(hidden, space), _buffer(GEOMETRY, space)
-        d_x, d_h, d_g = _buffer(inputs, space), _buffer(hidden, space), _buffer(GEOMETRY, space)
-        c0, c1, d_c = _buffer(hidden, space), _buffer(hidden, space), _buffer(hidden, space)
-        s0, d_s0, rgb, d_rgb = _buffer(hidden, space), _buffer(hidden, space), _buffer(4, space), _buffer(4, space)
-        ray_part, d_ray = _buffer(hidden, BLOCK_RAYS), _buffer(hidden, BLOCK_RAYS)
-        s_ray, d_s_ray = _buffer(hidden, BLOCK_RAYS), _buffer(hidden, BLOCK_RAYS)
-        logits, d_logits = _buffer(classes, BLOCK_RAYS), _buffer(classes, BLOCK_RAYS)
-        shown, d_color = _buffer(4, BLOCK_RAYS), _buffer(3, BLOCK_RAYS)
+        h_all, g_all, d_all = buffer(hidden, width), buffer(GEOMETRY, width), buffer(1, width)
+        x, h, g = buffer(inputs, space), buffer(hidden, space), buffer(GEOMETRY, space)
+        d_x, d_h, d_g = buffer(inputs, space), buffer(hidden, space), buffer(GEOMETRY, space)
+        c0, c1, d_c = buffer(hidden, space), buffer(hidden, space), buffer(hidden, space)
+        s0, d_s0, rgb, d_rgb = buffer(hidden, space), buffer(hidden, space), buffer(4, space), buffer(4, space)
+        ray_part, d_ray = buffer(hidden, BLOCK_RAYS), buffer(hidden, BLOCK_RAYS)
+        s_ray, d_s_ray = buffer(hidden, BLOCK_RAYS), buffer(hidden, BLOCK_RAYS)
+        logits, d_logits = buffer(classes, BLOCK_RAYS), buffer(classes, BLOCK_RAYS)
+        shown, d_color = buffer(4, BLOCK_RAYS), buffer(3, BLOCK_RAYS)
         left, d_left = np.zeros(BLOCK_RAYS, np.float32), np.zeros(BLOCK_RAYS, np.float32)
         columns, owners = np.zeros(space, np.int64), np.zeros(space, np.int64)
-        owned, packed = _buffer(BLOCK_RAYS, space), _buffer(BLOCK_RAYS, space)
-        slopes, d_packed = _buffer(BLOCK_RAYS, space), np.zeros(space, np.float32)
-        d_s_ray_t = _buffer(BLOCK_RAYS, hidden)
+        owned, packed = buffer(BLOCK_RAYS, space), buffer(BLOCK_RAYS, space)
+        slopes, d_packed = buffer(BLOCK_RAYS, space), np.zeros(space, np.float32)
+        d_s_ray_t = buffer(BLOCK_RAYS, hidden)
         d_weights = np.zeros(samples, np.float32)
         squared, entropy, spread, correct = 0.0, 0.0, 0.0, 0.0
         for b in range(chunk * per_chunk, min((chunk + 1) * per_chunk, blocks)):
@@ -294,12 +281,12 @@ def render_rays(params, enc, features, edges, min_weight, weights, color, logits
     hidden, classes = params[0].shape[0], params[7].shape[0]
     space = (width + LANES - 1) // LANES * LANES
     for chunk in prange(CHUNKS):
-        h, g_all, g = _buffer(hidden, width), _buffer(GEOMETRY, width), _buffer(GEOMETRY, space)
-        c0, c1, s0, rgb = _buffer(hidden, space), _buffer(hidden, space), _buffer(hidden, space), _buffer(4, space)
-        ray_part, s_ray = _buffer(hidden, BLOCK_RAYS), _buffer(hidden, BLOCK_RAYS)
-        block_logits, shown = _buffer(classes, BLOCK_RAYS), _buffer(4, BLOCK_RAYS)
+        h, g_all, g = buffer(hidden, width), buffer(GEOMETRY, width), buffer(GEOMETRY, space)
+        c0, c1, s0, rgb = buffer(hidden, space), buffer(hidden, space), buffer(hidden, space), buffer(4, space)
+        ray_part, s_ray = buffer(hidden, BLOCK_RAYS), buffer(hidden, BLOCK_RAYS)
+        block_logits, shown = buffer(classes, BLOCK_RAYS), buffer(4, BLOCK_RAYS)
         columns, owners = np.zeros(space, np.int64), np.zeros(space, np.int64)
-        owned, packed = _buffer(BLOCK_RAYS, space), _buffer(BLOCK_RAYS, space)
+        owned, packed = buffer(BLOCK_RAYS, space), buffer(BLOCK_RAYS, space)
         for b in range(chunk, blocks, CHUNKS):
             first = b * BLOCK_RAYS
             w = weights[first : first + BLOCK_RAYS]
@@ -327,81 +314,8 @@ def render_rays(params, enc, features, edges, min_weight, weights, color, logits
 def geometry_features(params, enc, out):
     """Outputs (B, 16, W) of the density network for encoded points (B, 2 L, W); the first row is the log density."""
     for chunk in prange(CHUNKS):
-        h = _buffer(params[0].shape[0], enc.shape[2])
+        h = buffer(params[0].shape[0], enc.shape[2])
         for b in range(chunk, enc.shape[0], CHUNKS):
             dense(params[0], enc[b], h, enc.shape[2])
             relu(h, enc.shape[2])
             dense(params[1], h, out[b], enc.shape[2])
-
-
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def propose(params, enc, edges, weights, raw):
-    """Weights of a proposal network: hidden (H, 2 L) and output (4, H), of which the first row is the log density.
-
-    Args:
-        params: the two matrices.
-        enc: (R / BLOCK_RAYS, 2 L, BLOCK_RAYS P).
-        edges: (R, P + 1).
-        weights, raw: (R, P), written.
-    """
-    blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
-    for chunk in prange(CHUNKS):
-        h, g = _buffer(params[0].shape[0], width), _buffer(4, width)
-        for b in range(chunk, blocks, CHUNKS):
-            dense(params[0], enc[b], h, width)
-            relu(h, width)
-            dense(params[1], h, g, width)
-            for r in range(BLOCK_RAYS):
-                ray = b * BLOCK_RAYS + r
-                raw[ray] = g[0, r * samples : (r + 1) * samples]
-                ray_weights(raw[ray], edges[ray], weights[ray])
-
-
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def propose_backward(params, transposed, grads, enc, edges, weights, raw, fine_edges, fine_weights, scale, losses):
-    """Interlevel loss of a proposal network, and its gradients; enc is overwritten by its own.
-
-    Args:
-        params, enc, edges, weights, raw: as in :func:`propose`.
-        transposed, grads: as in :func:`train_rays`.
-        fine_edges, fine_weights: (R, S + 1), (R, S), what the proposal should have foreseen.
-        scale: factor of the loss, 1 / R included.
-        losses: (CHUNKS,) float64, written.
-    """
-    blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
-    hidden = params[0].shape[0]
-    per_chunk = (blocks + CHUNKS - 1) // CHUNKS
-    for chunk in prange(CHUNKS):
-        h, d_h, d_g = _buffer(hidden, width), _buffer(hidden, width), _buffer(4, width)
-        d_weights = np.zeros(samples, np.float32)
-        total = 0.0
-        for b in range(chunk * per_chunk, min((chunk + 1) * per_chunk, blocks)):
-            dense(params[0], enc[b], h, width)
-            relu(h, width)
-            for r in range(BLOCK_RAYS):
-                ray = b * BLOCK_RAYS + r
-                total += interlevel(edges[ray], weights[ray], fine_edges[ray], fine_weights[ray], scale, d_weights)
-                left = ONE - weights[ray].sum()
-                d_raw = d_g[0, r * samples : (r + 1) * samples]
-                ray_weights_backward(raw[ray], edges[ray], weights[ray], left, d_weights, ZERO, d_raw)
-            weight_gradient(d_g, h, grads[1][chunk], width)
-            dense(transposed[1], d_g, d_h, width)
-            relu_backward(h, d_h, width)
-            weight_gradient(d_h, enc[b], grads[0][chunk], width)
-            dense(transposed[0], d_h, enc[b], width)
-        losses[chunk] = total
-
-
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def adam(p, g, m, v, rate, beta1, beta2, eps, step):
-    """One Adam update of flat arrays, in place; ``g`` is cleared.
-
-    An entry without gradient is left alone, moments included: most of a hash table is not touched by a batch.
-    """
-    correct1, correct2 = ONE / (ONE - beta1**step), ONE / (ONE - beta2**step)
-    for i in prange(p.shape[0]):
-        if g[i] != 0:
-            m[i] = beta1 * m[i] + (ONE - beta1) * g[i]
-            v[i] = beta2 * v[i] + (ONE - beta2) * g[i] * g[i]
-            p[i] -= rate * (m[i] * correct1) / (np.sqrt(v[i] * correct2) + eps)
-            g[i] = 0

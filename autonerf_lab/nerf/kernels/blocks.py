@@ -1,0 +1,22 @@
+"""How the work on rays is cut up, for all kernels.
+
+Rays come in whole blocks (their number is a multiple of BLOCK_RAYS; callers pad): a block's activations fit the cache.
+Blocks are dealt to a fixed number of chunks, each with its own gradient buffer, so that sums have the same order, and
+the same bits, on any number of threads.
+"""
+
+import numpy as np
+from numba import njit
+
+CHUNKS = 16
+BLOCK_RAYS = 8
+LANES = 16  # packed columns come in multiples of this, so that vector loops have no remainder
+GEOMETRY = 16  # outputs of the density network; the first is the log density, all of them feed the heads
+# constants of the kernels: an integer or a double in a float32 expression would make it all double
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+
+
+@njit(inline="always")
+def buffer(rows, columns):
+    """(rows, columns) float32 of zeros."""
+    return np.zeros((rows, columns), np.float32)
