@@ -81,6 +81,9 @@ def test_stop_and_resume_is_the_same_training(
         np.testing.assert_array_equal(value, resumed.model.parameters[name], err_msg=name)
     with pytest.raises(RunFolderError, match="seed"):
         fit(walk, settings=settings, preset="smoke", seed=1, progress=False, checkpoint=tmp_path)
+    with pytest.raises(RunFolderError, match="views"):
+        other = replace(walk, rgb=walk.rgb[::-1].copy())
+        fit(other, settings=settings, preset="smoke", progress=False, checkpoint=tmp_path)
 
 
 def test_save_and_load(field: NeRF, walk: Trajectory, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Training: a walk goes in, a field comes out (section 3.3: RGB, semantics and poses, no depth)."""
 
+import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -110,7 +111,7 @@ def fit(
     field = MODELS[model](settings, box, len(trajectory.poses), rng)
     state = TrainingState(field, Adam(field.parameters), rng)
     if checkpoint is not None:
-        state.resume(checkpoint, {"seed": seed, "model": model, "frames": len(trajectory.poses)})
+        state.resume(checkpoint, {"seed": seed, "model": model, "views": _fingerprint(trajectory)})
     pixels = Pixels(trajectory)
     started = time.perf_counter() - state.seconds
     with tqdm(total=settings.steps, initial=state.step, disable=not progress, desc="fit", unit="step") as bar:
@@ -131,6 +132,11 @@ def fit(
     meta |= {"model": model, "preset": chosen.name, "seed": seed, "steps": state.step}
     meta |= {"train_psnr": state.psnr, "seconds": state.seconds}
     return NeRF(field, trajectory.poses, trajectory.intrinsics, _visibility(field, pixels, seed), meta)
+
+
+def _fingerprint(trajectory: Trajectory) -> str:
+    """Tells the views of one walk from those of another."""
+    return hashlib.sha256(trajectory.poses.tobytes() + trajectory.rgb.tobytes()).hexdigest()
 
 
 def _step(state: TrainingState, pixels: Pixels, rate: float) -> None:
