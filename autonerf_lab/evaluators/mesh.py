@@ -1,6 +1,6 @@
 """Task 5, extraction: a triangle mesh out of the density, by marching cubes ("Mesh generation" of section 3.3).
 
-The opacity of a 10 cm step, ``1 - exp(-0.10 sigma)``, is sampled on a grid and cut at the threshold of the maps. Only
+The opacity of a 10 cm step, ``1 - exp(-0.10 sigma)``, is sampled on a grid and cut at one half. Only
 cubes whose eight corners were seen from the training views are kept: behind a surface nothing constrains the density.
 The mesh is open, as a scan is. The grid is worked through in slabs that share one plane of samples, welded
 afterwards.
@@ -18,12 +18,14 @@ from autonerf_lab.classes import colorize
 from autonerf_lab.config import preset as get_preset
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.field import Field
-from autonerf_lab.evaluators.maps import OPACITY_THRESHOLD, opacity
+from autonerf_lab.evaluators.maps import opacity
 from autonerf_lab.evaluators.semantic_maps import point_cloud
 
 if TYPE_CHECKING:
     import trimesh
 
+# The level set of the surface. Maps ask for more, because a map must not close a door; a mesh should not have holes.
+SURFACE_OPACITY = 0.5
 MIN_TRIANGLES = 100  # smaller pieces are noise
 MAX_NODES = 1 << 28
 _SLAB_NODES = 1 << 21
@@ -46,7 +48,7 @@ def surface_bounds(field: Field) -> np.ndarray:
 def extract_mesh(
     field: Field,
     voxel: float | None = None,
-    threshold: float = OPACITY_THRESHOLD,
+    threshold: float = SURFACE_OPACITY,
     bounds: np.ndarray | None = None,
     min_triangles: int = MIN_TRIANGLES,
 ) -> "trimesh.Trimesh":
