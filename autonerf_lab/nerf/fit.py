@@ -23,7 +23,7 @@ from autonerf_lab.trajectory import Trajectory
 
 MODELS = {"semantic-nerfacto": SemanticNerfacto}
 SMALL = MATRICES  # gradients that are looked at every step: whatever breaks passes through them
-SEEN_RAYS = 400_000  # rays that carve the visibility grid
+SEEN_RAYS = 400_000  # rays that carve the visibility grid, at most one for each training pixel
 
 
 class Pixels:
@@ -165,6 +165,7 @@ def _step(state: TrainingState, pixels: Pixels, rate: float) -> None:
 
 def _visibility(model: SemanticNerfacto, pixels: Pixels, seed: int) -> Visibility:
     """Carve what the cameras saw, by the depth that the field itself renders for a sample of the training rays."""
-    rays_o, rays_d = pixels.rays(*pixels.draw(SEEN_RAYS, np.random.default_rng(seed)))
+    count = min(SEEN_RAYS, pixels.rgb.shape[0] * pixels.rgb.shape[1])
+    rays_o, rays_d = pixels.rays(*pixels.draw(count, np.random.default_rng(seed)))
     _, _, depth, _ = model.render_rays(rays_o, rays_d)
     return carve(rays_o, rays_d, depth)
