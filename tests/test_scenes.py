@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from shapely.geometry import Polygon
 
 from autonerf_lab.classes import CLASS_NAMES
 from autonerf_lab.scenes import Scene, generate_apartment, load_scene, scene_names
@@ -31,6 +32,17 @@ def test_every_frozen_scene_is_sound(name: str) -> None:
     scene = load_scene(name)
     assert problems(scene) == []
     assert mesh_sha256(scene) == read_json(folder() / "manifest.json")["scenes"][name]["mesh_sha256"]
+
+
+def test_homes_differ_in_size_and_plan() -> None:
+    """Three to eight rooms, with and without a kitchen of their own, corridors straight and round a corner."""
+    specs = [generate_spec(seed) for seed in range(600_000, 600_050)]
+    plans = [[room["category"] for room in spec["rooms"]] for spec in specs]
+    assert {len(plan) for plan in plans} == set(range(3, 9))
+    assert {"studio", "open-plan", "living"} <= {plan[-2] for plan in plans}
+    assert {len(spec["rooms"][-1]["polygon"]) for spec in specs} == {4, 6}
+    areas = [sum(Polygon(room["polygon"]).area for room in spec["rooms"]) for spec in specs]
+    assert min(areas) < 55 and max(areas) > 120
 
 
 def test_same_seed_same_apartment(apartment: Scene) -> None:

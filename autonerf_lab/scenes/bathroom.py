@@ -42,7 +42,7 @@ def toilet(rng: np.random.Generator) -> Model:
 def wash_basin(rng: np.random.Generator) -> Model:
     """On a pedestal or on a cupboard."""
     w, d, h = float(rng.uniform(0.54, 0.68)), float(rng.uniform(0.44, 0.5)), 0.86
-    model = Model(9, "sink (wash basin)", (w, d, h), clear=0.55)
+    model = Model(9, "sink (wash basin)", (w, d, h + 0.16), clear=0.55)
     bowl = [(0.4, 0), (0.88, 0.09), (1, 0.15), (0.99, 0.165), (0.82, 0.16), (0.66, 0.09), (0.3, 0.045), (0, 0.04)]
     model.lathe(bowl, 0, 0, h - 0.165, "ceramic", n=18, power=3.2, scale=[w / 2, d / 2])
     if rng.random() < 0.5:

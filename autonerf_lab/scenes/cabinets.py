@@ -208,7 +208,7 @@ def _oven(rng: np.random.Generator, w: float, d: float, h: float) -> Model:
 
 def _kitchen_sink(rng: np.random.Generator, w: float, d: float, h: float) -> Model:
     """A steel basin let into the worktop, with a drainer's rim and a tap."""
-    model = Model(9, "sink (kitchen)", (w, d + 0.02, h), clear=0.6)
+    model = Model(9, "sink (kitchen)", (w, d + 0.02, h + 0.29), clear=0.6)
     model.box(w, d - 0.02, h - 0.2, 0, -0.01, 0, "kitchen", omit="yzZ")
     for i in (-1, 1):
         model.box(w / 2 - 0.008, 0.018, h - 0.15, i * w / 4, d / 2 - 0.011, 0.104, "kitchen_front", omit="y")

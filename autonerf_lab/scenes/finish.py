@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from autonerf_lab.scenes import objects
-from autonerf_lab.scenes.layout import Layout, Thing
+from autonerf_lab.scenes.layout import LIVING, Layout, Thing
 from autonerf_lab.scenes.structure import REVEAL, floor_rects
 
 Colour = tuple[int, int, int]
@@ -84,7 +84,7 @@ def choose_materials(layout: Layout, rng: np.random.Generator) -> None:
         paint = colour(PAINTS)
         kind = (
             str(rng.choice(["plaster", "plaster", "stripes", "damask"]))
-            if room.category in ("living", "bedroom")
+            if room.category in (*LIVING, "bedroom")
             else "plaster"
         )
         add(f"wall{index}", kind, paint, shade(paint, 0.8), float(rng.uniform(0.85, 1.3)))

@@ -6,7 +6,7 @@ import numpy as np
 
 from autonerf_lab.scenes import bathroom, cabinets, objects, seating
 from autonerf_lab.scenes.hangings import dress_walls, dress_windows
-from autonerf_lab.scenes.layout import Layout, Thing
+from autonerf_lab.scenes.layout import LIVING, Layout, Thing
 from autonerf_lab.scenes.models import Model, pick
 from autonerf_lab.scenes.placing import SKIN, Placer, heading
 
@@ -14,7 +14,7 @@ from autonerf_lab.scenes.placing import SKIN, Placer, heading
 def place_furniture(layout: Layout, rng: np.random.Generator) -> None:
     """Furnish every room of a plan with doors and windows."""
     placer = Placer(layout)
-    order = ["kitchen", "bath", "living", "bedroom", "study", "corridor"]
+    order = ["kitchen", "bath", *LIVING, "bedroom", "study", "corridor"]
     for category in order:
         for index, room in enumerate(layout.rooms):
             if room.category == category:
@@ -25,21 +25,34 @@ def place_furniture(layout: Layout, rng: np.random.Generator) -> None:
 
 
 def _living(placer: Placer, room: int, rng: np.random.Generator) -> None:
+    large = placer.shapes[room].area > 30
     _media(placer, room, rng)
     if not any(t.class_id == 7 for t in placer.layout.things):
         _dining(placer, room, rng, 1.8)
-    for _ in range(int(rng.integers(1, 3))):
+    for _ in range(int(rng.integers(1, 3)) + large):
         placer.along_wall(cabinets.shelf(rng), room, rng)
     if rng.random() < 0.7:
         w = float(rng.uniform(0.9, 1.5))
         placer.along_wall(cabinets.fronted(rng, "sideboard", w, 0.42, 0.78, round(w / 0.5), 2, "cupboard"), room, rng)
     _plant(placer, room, rng)
-    for _ in range(int(rng.integers(1, 3))):
+    for _ in range(int(rng.integers(1, 3)) + large):
         _armchair(placer, room, rng)
     if rng.random() < 0.7:
         placer.along_wall(objects.floor_lamp(rng), room, rng, "corner", away=0.05)
     if rng.random() < 0.5:
         _plant(placer, room, rng)
+
+
+def _open_plan(placer: Placer, room: int, rng: np.random.Generator) -> None:
+    _kitchen(placer, room, rng)
+    _living(placer, room, rng)
+
+
+def _studio(placer: Placer, room: int, rng: np.random.Generator) -> None:
+    _kitchen(placer, room, rng)
+    _sleep(placer, room, rng, rng.random() < 0.5, "corner")
+    _living(placer, room, rng)
+    placer.along_wall(_wardrobe(rng, 1.0), room, rng, tries=14)
 
 
 def _armchair(placer: Placer, room: int, rng: np.random.Generator) -> None:
@@ -187,7 +200,7 @@ def _kitchen(placer: Placer, room: int, rng: np.random.Generator) -> None:
     )
     if made and rng.random() < 0.6:
         _counter(placer, room, rng, [1.6, 1.2, 0.9], False, False)
-    if rng.random() < 0.55 and placer.shapes[room].area > 8.5:
+    if placer.layout.rooms[room].category == "kitchen" and rng.random() < 0.55 and placer.shapes[room].area > 8.5:
         _dining(placer, room, rng, 1.25)
 
 
@@ -251,11 +264,32 @@ def _bath(placer: Placer, room: int, rng: np.random.Generator) -> None:
 
 
 def _bedroom(placer: Placer, room: int, rng: np.random.Generator) -> None:
-    double = placer.shapes[room].area > 10.5
+    _sleep(placer, room, rng, placer.shapes[room].area > 10.5, "middle")
+    w = float(pick(rng, 1.0, 1.5, 1.9))
+    for width in (w, 1.0, 0.8):
+        if placer.along_wall(_wardrobe(rng, width), room, rng, "corner", tries=14) is not None:
+            break
+    if rng.random() < 0.6:
+        _desk(placer, room, rng)
+    if rng.random() < 0.5:
+        chest = cabinets.fronted(rng, "chest of drawers", float(rng.uniform(0.75, 1.0)), 0.45, 0.85, 2, 4, "cupboard")
+        placer.along_wall(chest, room, rng)
+    if rng.random() < 0.5:
+        placer.along_wall(cabinets.shelf(rng, 0.7), room, rng)
+    if rng.random() < 0.35:
+        _armchair(placer, room, rng)
+    if rng.random() < 0.5:
+        _plant(placer, room, rng)
+    if rng.random() < 0.5:
+        placer.along_wall(objects.basket(rng), room, rng, away=0.03)
+
+
+def _sleep(placer: Placer, room: int, rng: np.random.Generator, double: bool, where: str) -> None:
+    """A bed with small tables at its head and a rug under it."""
     sleeping = None
     for attempt in range(5):
         model = seating.bed(rng, double and attempt < 3)
-        sleeping = placer.along_wall(model, room, rng, "middle" if attempt == 0 else "any", tries=16)
+        sleeping = placer.along_wall(model, room, rng, where if attempt == 0 else "any", tries=16)
         if sleeping is not None:
             break
     if sleeping is not None:
@@ -272,26 +306,11 @@ def _bedroom(placer: Placer, room: int, rng: np.random.Generator) -> None:
             rug = objects.rug(rng, model.size[0] + 0.9, 1.3)
             if placer.put(rug, room, np.array(sleeping.at[:2]) + forward * offset * model.size[1], yaw) is not None:
                 break
-    w = float(pick(rng, 1.0, 1.5, 1.9))
-    for width in (w, 1.0, 0.8):
-        cupboard = cabinets.fronted(
-            rng, "wardrobe", width, 0.6, float(rng.uniform(1.95, 2.2)), max(2, round(width / 0.5)), 1, "wardrobe"
-        )
-        if placer.along_wall(cupboard, room, rng, "corner", tries=14) is not None:
-            break
-    if rng.random() < 0.6:
-        _desk(placer, room, rng)
-    if rng.random() < 0.5:
-        chest = cabinets.fronted(rng, "chest of drawers", float(rng.uniform(0.75, 1.0)), 0.45, 0.85, 2, 4, "cupboard")
-        placer.along_wall(chest, room, rng)
-    if rng.random() < 0.5:
-        placer.along_wall(cabinets.shelf(rng, 0.7), room, rng)
-    if rng.random() < 0.35:
-        _armchair(placer, room, rng)
-    if rng.random() < 0.5:
-        _plant(placer, room, rng)
-    if rng.random() < 0.5:
-        placer.along_wall(objects.basket(rng), room, rng, away=0.03)
+
+
+def _wardrobe(rng: np.random.Generator, width: float) -> Model:
+    height = float(rng.uniform(1.95, 2.2))
+    return cabinets.fronted(rng, "wardrobe", width, 0.6, height, max(2, round(width / 0.5)), 1, "wardrobe")
 
 
 def _desk(placer: Placer, room: int, rng: np.random.Generator) -> None:
@@ -331,7 +350,7 @@ def _corridor(placer: Placer, room: int, rng: np.random.Generator) -> None:
         placer.along_wall(objects.coat_rack(rng), room, rng)
     if rng.random() < 0.5:
         placer.along_wall(objects.plant(rng), room, rng, "corner", away=0.04)
-    x0, y0, x1, y1 = placer.shapes[room].bounds
+    x0, y0, x1, y1 = placer.layout.rooms[room].rects[0]  # of the first arm
     long, short = max(x1 - x0, y1 - y0), min(x1 - x0, y1 - y0)
     runner = objects.rug(rng, min(3.0, long * 0.55), min(0.8, short - 0.5))
     yaw = 0.0 if x1 - x0 > y1 - y0 else np.pi / 2
@@ -342,6 +361,8 @@ _ROOMS: dict[str, Callable[[Placer, int, np.random.Generator], None]] = {
     "kitchen": _kitchen,
     "bath": _bath,
     "living": _living,
+    "open-plan": _open_plan,
+    "studio": _studio,
     "bedroom": _bedroom,
     "study": _study,
     "corridor": _corridor,

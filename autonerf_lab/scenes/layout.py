@@ -8,6 +8,8 @@ from shapely.ops import unary_union
 
 WALL = 0.12  # metres between the two faces of an inner wall
 DOOR_HEIGHT = 2.05
+LIVING = ("living", "open-plan", "studio")  # open-plan: with the kitchen in it; studio: with kitchen and bed
+COOKING = ("kitchen", "open-plan", "studio")
 
 Rect = tuple[float, float, float, float]  # x0, y0, x1, y1
 
@@ -16,7 +18,7 @@ Rect = tuple[float, float, float, float]  # x0, y0, x1, y1
 class Room:
     """One room. ``rects`` reach to the middle of the walls; the polygon is what one can stand in."""
 
-    category: str  # corridor, living, kitchen, bath, bedroom, study
+    category: str  # corridor, kitchen, bath, bedroom, study, or one of LIVING
     rects: list[Rect]
     polygon: list[tuple[float, float]] = field(default_factory=list)  # counter-clockwise
 

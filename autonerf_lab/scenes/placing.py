@@ -78,6 +78,14 @@ class Placer:
         wanted = [min(0.4 if r.category == "bath" else 1.2, 0.12 * r.shape.area) for r in self.layout.rooms]
         return bool((kept * CELL**2 >= np.array(wanted)).all())
 
+    def reserve(self, rect: Rect) -> bool:
+        """Take this floor from the robot, unless that would cut its ways."""
+        mask = self._mask(rect, AGENT_RADIUS + CELL)
+        if not self._connected(mask):
+            return False
+        self.free &= ~mask
+        return True
+
     def fits(self, room: int, rect: Rect, z: tuple[float, float], ignore_doors: bool = False) -> bool:
         """Inside the room, beside everything else, clear of doors and windows."""
         if not self.inner[room].covers(box(*rect)):
@@ -85,11 +93,15 @@ class Placer:
         low = z[0] < 2.0
         if low and not ignore_doors and any(_overlap(rect, zone) for zone in self.doors):
             return False
+        return self.clear_of_things(room, rect, z) and not self._before_window(room, rect, z)
+
+    def clear_of_things(self, room: int, rect: Rect, z: tuple[float, float]) -> bool:
+        """Nothing but a rug stands or hangs in that box."""
         for thing in self.layout.things:
             level = z[0] < thing.height[1] - 1e-3 and thing.height[0] < z[1] - 1e-3
             if level and thing.room == room and thing.name != "rug" and _overlap(rect, thing.footprint):
                 return False
-        return not self._before_window(room, rect, z)
+        return True
 
     def _before_window(self, room: int, rect: Rect, z: tuple[float, float]) -> bool:
         for o in self.layout.openings:
@@ -121,9 +133,7 @@ class Placer:
         height = (bottom, z + model.size[2])
         if check and not self.fits(room, rect, height, ignore_doors):
             return None
-        solid = height[0] < HEADROOM and height[1] > 0.03
-        mask = None
-        if check and solid:
+        if check and height[0] < HEADROOM and height[1] > 0.03:
             ahead = self._front(model, at, yaw) if front and model.clear else None
             if any(_overlap(rect, zone) for zone in self.fronts):
                 return None
@@ -131,13 +141,10 @@ class Placer:
                 others = (t for t in self.layout.things if t.room == room and t.height[0] < 1 and t.height[1] > 0.03)
                 if any(_overlap(ahead, t.footprint) for t in others) or not self.inner[room].covers(box(*ahead)):
                     return None
-            mask = self._mask(rect, AGENT_RADIUS + CELL)
-            if not self._connected(mask):
+            if not self.reserve(rect):
                 return None
             if ahead is not None:
                 self.fronts.append(ahead)
-        if mask is not None:
-            self.free &= ~mask
         thing = Thing(
             model.class_id,
             model.name,

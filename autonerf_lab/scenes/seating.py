@@ -80,7 +80,7 @@ def couch(rng: np.random.Generator, room_for: float = 2.3) -> Model:
     d, h, seat = float(rng.uniform(0.84, 0.94)), float(rng.uniform(0.74, 0.86)), float(rng.uniform(0.4, 0.45))
     arm_height = float(rng.uniform(0.54, 0.63))
     foot = float(pick(rng, 0.05, 0.1, 0.14))
-    model = Model(2, f"couch ({seats} seats)", (w, d, h + 0.04), clear=0.5)  # the cushions rise above the back
+    model = Model(2, f"couch ({seats} seats)", (w, d, h + 0.1), clear=0.5)  # the cushions rise above the back
     model.legs(w, d, foot, 0.05, "wood_couch", 0.02)
     inner = w - 2 * arm
     model.box(w, d, seat - 0.14 - foot, 0, 0, foot, "fabric_couch", omit="")
