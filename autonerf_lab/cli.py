@@ -189,10 +189,10 @@ class ScenesGenerate:
 
 @dataclass(frozen=True)
 class ScenesImport:
-    """Read a scan (GLB, OBJ, PLY), stand it on its floor, and say what was understood."""
+    """Read a scan (GLB, OBJ, PLY) and stand it on its floor, or furnish a floor plan (HouseExpo's JSON)."""
 
     path: Annotated[Positional[Path], arg(help="The file.")]
-    out: Annotated[Path | None, arg(help="Where to write it, upright and in metres (GLB).")] = None
+    out: Annotated[Path | None, arg(help="Where to write it: GLB, or .json for a furnished plan.")] = None
 
     def run(self) -> None:
         """Import, and export where asked."""

@@ -206,7 +206,7 @@ def _turn(rooms: list[Room], rng: np.random.Generator) -> None:
         ]
 
 
-def _walls_between(a: Room, b: Room) -> list[tuple[np.ndarray, np.ndarray]]:
+def shared_walls(a: Room, b: Room) -> list[tuple[np.ndarray, np.ndarray]]:
     """Stretches of wall the two rooms share, as (start, end) on the middle of the wall."""
     found = []
     for p, q in a.edges():
@@ -238,13 +238,13 @@ def place_openings(layout: Layout, rng: np.random.Generator) -> None:
             _door(layout, k, living, width, rng)
         elif layout.rooms[k].category == "kitchen" and rng.random() < 0.65:
             _door(layout, k, living, float(rng.choice([0.9, 1.2, 1.4])), rng)
-    _entrance(layout, corridor, rng)
+    add_entrance(layout, corridor)
     for k, room in enumerate(layout.rooms):
-        _windows(layout, k, room, rng)
+        add_windows(layout, k, room, rng)
 
 
 def _door(layout: Layout, a: int, b: int, width: float, rng: np.random.Generator) -> bool:
-    walls = _walls_between(layout.rooms[a], layout.rooms[b])
+    walls = shared_walls(layout.rooms[a], layout.rooms[b])
     walls = [w for w in walls if np.linalg.norm(w[1] - w[0]) > 0.9 + 0.24]
     if not walls:
         return False
@@ -293,8 +293,11 @@ def outer_edges(layout: Layout, index: int) -> list[tuple[np.ndarray, np.ndarray
     return found
 
 
-def _entrance(layout: Layout, corridor: int, rng: np.random.Generator) -> None:
-    edges = outer_edges(layout, corridor)
+def add_entrance(layout: Layout, room: int) -> bool:
+    """The door of the home, in an outer wall of that room; False if it has none for it."""
+    edges = [e for e in outer_edges(layout, room) if np.linalg.norm(e[1] - e[0]) > 1.0]
+    if not edges:
+        return False
     p, q = min(edges, key=lambda e: abs(float(np.linalg.norm(e[1] - e[0])) - 1.3))
     length = float(np.linalg.norm(q - p))
     d = (q - p) / length
@@ -302,12 +305,14 @@ def _entrance(layout: Layout, corridor: int, rng: np.random.Generator) -> None:
     at = p + d * (length / 2 if length < 2 else 0.2 + width / 2)
     layout.openings.append(
         Opening(
-            "entrance", (float(at[0]), float(at[1])), (float(d[0]), float(d[1])), round(width, 3), 0.0, 2.05, [corridor]
+            "entrance", (float(at[0]), float(at[1])), (float(d[0]), float(d[1])), round(width, 3), 0.0, 2.05, [room]
         )
     )
+    return True
 
 
-def _windows(layout: Layout, index: int, room: Room, rng: np.random.Generator) -> None:
+def add_windows(layout: Layout, index: int, room: Room, rng: np.random.Generator) -> None:
+    """Windows in the longest outer walls of a room, as many and as high as its use asks for."""
     if room.category == "corridor":
         return
     edges = sorted(outer_edges(layout, index), key=lambda e: -float(np.linalg.norm(e[1] - e[0])))

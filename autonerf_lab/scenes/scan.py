@@ -26,10 +26,11 @@ TEXTURE_WIDTH = 4096  # texels in a row of the atlas of a mesh without texture
 
 
 def import_scene(path: str | Path, up: str | None = None) -> Scene:
-    """Load a scan: textured or coloured at its vertices, with holes and all.
+    """Load a scan: textured or coloured at its vertices, with holes and all. Or furnish a floor plan.
 
     Args:
-        path: a .glb, .obj or .ply file; textures must be inside it, or for OBJ beside it.
+        path: a .glb, .obj or .ply file; textures must be inside it, or for OBJ beside it. A .json file is a plan:
+            see :func:`~autonerf_lab.scenes.houseexpo.import_houseexpo`.
         up: "y" or "z"; without it y for GLB (the format demands it) and OBJ, z for PLY.
 
     Returns:
@@ -40,8 +41,12 @@ def import_scene(path: str | Path, up: str | None = None) -> Scene:
             folder. The message names the file.
     """
     path = Path(path)
+    if path.suffix.lower() == ".json":
+        from autonerf_lab.scenes.houseexpo import import_houseexpo
+
+        return import_houseexpo(path)
     if path.suffix.lower() not in FORMATS:
-        raise SceneError(f"{path}: only {', '.join(sorted(FORMATS))} files can be imported")
+        raise SceneError(f"{path}: only {', '.join(sorted(FORMATS))} and .json (floor plans) can be imported")
     if up not in (None, "y", "z"):
         raise SceneError(f"up must be 'y' or 'z', not {up!r}")
     try:
