@@ -1,9 +1,12 @@
 """AutoNeRF Lab: a robot explores an apartment, a semantic NeRF learns it, and the field is put to work.
 
 The names below are the first lesson. They load on first use, so that importing a submodule never pulls in the rest.
+Importing the package registers its Gymnasium environments, by name only.
 """
 
 from importlib import import_module
+
+import autonerf_lab.envs  # noqa: F401
 
 _HOME = {
     "Scene": "autonerf_lab.scenes",

@@ -1,4 +1,5 @@
-"""Gymnasium environments. Importing this package registers them; so does installing it, for a bare ``gymnasium.make``.
+"""Gymnasium environments; importing ``autonerf_lab`` registers them. A process that has not imported it, as a spawned
+one may not have, writes ``gymnasium.make("autonerf_lab:AutoNeRF/Explore-v0")``.
 
 Example:
     >>> import gymnasium
@@ -10,12 +11,13 @@ Example:
 
 from gymnasium.envs.registration import register, registry
 
+ENVS = {
+    "AutoNeRF/Explore-v0": "autonerf_lab.envs.explore:ExploreEnv",
+    "AutoNeRF/Waypoint-v0": "autonerf_lab.envs.waypoint:WaypointEnv",
+    "AutoNeRF/PointGoal-v0": "autonerf_lab.envs.pointgoal:PointGoalEnv",
+}
 
-def register_envs() -> None:
-    """Tell Gymnasium about the environments (the entry point in the package's metadata)."""
-    if "AutoNeRF/Explore-v0" not in registry:
-        # By name, so that gymnasium does not import the simulator before somebody makes an environment.
-        register("AutoNeRF/Explore-v0", entry_point="autonerf_lab.envs.explore:ExploreEnv")
 
-
-register_envs()
+for _name, _place in ENVS.items():
+    if _name not in registry:
+        register(_name, entry_point=_place)  # as text: nothing is imported before an environment is made

@@ -1,0 +1,165 @@
+"""What the environments share: scenes drawn at every reset, the robot in them, and the map it makes."""
+
+from collections.abc import Sequence
+from typing import Any, Generic, TypeVar
+
+import gymnasium
+import numpy as np
+
+from autonerf_lab.geometry import Intrinsics, world_to_cell
+from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.rewards import Reward, make_reward
+from autonerf_lab.scenes import Scene, load_scene, scene_names
+from autonerf_lab.simulator import Noise, Simulator
+from autonerf_lab.types import MapState, Observation, Transition
+
+WINDOW_METRES = 12.0  # side of the part of the map around the robot
+MAP_WINDOWS = 3  # side of the whole map, in windows: no apartment is longer than half of it
+_CACHED_SCENES = 4
+
+Seen = dict[str, Any]  # an observation
+ActType = TypeVar("ActType")
+
+
+class SceneEnv(gymnasium.Env[Seen, ActType], Generic[ActType]):
+    """A robot in a scene that is drawn at every reset.
+
+    Args:
+        scene: a name, a scene, or several of them; without it, the 25 training scenes.
+        size: S, pixels a side of the robot's images.
+        rgb: False leaves colours black, which is several times faster.
+        supersample: samples a pixel side of the colours.
+        noise: of motion and odometry.
+        render_mode: None or ``"rgb_array"``, the robot's view.
+
+    Raises:
+        UnknownNameError: no such scene.
+        ValueError: no scene at all, or a render mode that does not exist.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - gymnasium's own attribute
+
+    def __init__(
+        self,
+        scene: str | Scene | Sequence[str | Scene] | None = None,
+        size: int = 64,
+        rgb: bool = True,
+        supersample: int = 1,
+        noise: Noise | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode must be None or 'rgb_array', not {render_mode!r}")
+        chosen = scene_names("train") if scene is None else scene
+        self._scenes: list[str | Scene] = [chosen] if isinstance(chosen, str | Scene) else list(chosen)
+        if not self._scenes:
+            raise ValueError("at least one scene is needed")
+        self._intrinsics = Intrinsics.from_fov(size, size)
+        self._rgb, self._supersample, self._noise = rgb, supersample, noise
+        self._simulators: dict[int, Simulator] = {}
+        for name in {s for s in self._scenes if isinstance(s, str)} - set(scene_names()):
+            load_scene(name)  # a wrong name fails here, not at some later reset
+        self._sim = self._simulator(0)
+        self._observation: Observation | None = None
+        self.render_mode = render_mode
+
+    @property
+    def sim(self) -> Simulator:
+        """The simulator of this episode's scene."""
+        return self._sim
+
+    def _begin(self, seed: int | None) -> Observation:
+        """Draw a scene and a start."""
+        super().reset(seed=seed)
+        self._sim = self._simulator(int(self.np_random.integers(len(self._scenes))))
+        self._observation = self._sim.reset(seed=int(self.np_random.integers(2**31)))
+        return self._observation
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """The robot's view, (S, S, 3) uint8, in the mode ``rgb_array``."""
+        if self.render_mode != "rgb_array" or self._observation is None:
+            return None
+        return self._observation.rgb if self._rgb else self._sim.render(self._sim.pose).rgb
+
+    def _simulator(self, index: int) -> Simulator:
+        if index not in self._simulators:
+            if len(self._simulators) >= _CACHED_SCENES:
+                self._simulators.pop(next(iter(self._simulators)))
+            scene = self._scenes[index]
+            loaded = load_scene(scene) if isinstance(scene, str) else scene
+            self._simulators[index] = Simulator(loaded, self._intrinsics, self._supersample, self._rgb, self._noise)
+        return self._simulators[index]
+
+
+class MappingEnv(SceneEnv[ActType]):
+    """A robot that maps what it sees and is rewarded for it. The episode never terminates; it is truncated.
+
+    Args:
+        reward: a name of :data:`autonerf_lab.rewards.REWARDS` or a reward.
+        max_steps: the robot's actions an episode.
+        window: W, cells a side of the part of the map around the robot, 12 m wide: 240 are 5 cm each.
+        options: of :class:`SceneEnv`.
+
+    Raises:
+        UnknownNameError: no such scene or reward.
+    """
+
+    def __init__(self, reward: str | Reward = "cov", max_steps: int = 1500, window: int = 240, **options: Any) -> None:
+        super().__init__(**options)
+        self._reward = make_reward(reward)
+        self._max_steps, self._window = max_steps, window
+        self._map: MapState | None = None
+        self._path = 0.0
+
+    @property
+    def map(self) -> MapState:
+        """Everything seen in this episode."""
+        assert self._map is not None, "reset the environment first"
+        return self._map
+
+    def _begin(self, seed: int | None) -> Observation:
+        observation = super()._begin(seed)
+        start = empty_map(observation.pose, MAP_WINDOWS * self._window, WINDOW_METRES / self._window)
+        self._map = update(start, observation, self._intrinsics)
+        self._path = 0.0
+        forget = getattr(self._reward, "reset", None)
+        if forget is not None:
+            forget(self.np_random)
+        return observation
+
+    def _advance(self, action: int) -> float:
+        """One action of the robot: look, map, reward."""
+        before, place = self.map, self._sim.pose[:2, 3]
+        self._observation = self._sim.step(action)
+        self._path += float(np.linalg.norm(self._sim.pose[:2, 3] - place))
+        self._map = update(before, self._observation, self._intrinsics)
+        return float(self._reward(Transition(before, self._map, self._observation, action)))
+
+    @property
+    def _over(self) -> bool:
+        assert self._observation is not None
+        return self._observation.step >= self._max_steps
+
+    def _info(self) -> dict[str, Any]:
+        assert self._observation is not None
+        return {
+            "explored_m2": float(np.count_nonzero(self.map.explored)) * self.map.cell**2,
+            "collided": self._observation.collided,
+            "path_m": self._path,
+            "scene": self._sim.scene.name,
+        }
+
+
+def window_of(map: MapState, window: int) -> tuple[slice, slice]:
+    """Rows and columns of the map around the robot, who leaves the middle where the map ends."""
+    size = len(map.explored)
+    robot = np.clip(world_to_cell(map.pose[:2, 3], map.origin, map.cell), 0, size - 1)
+    top, left = (int(i) for i in np.clip(robot - window // 2, 0, size - window))
+    return slice(top, top + window), slice(left, left + window)
+
+
+def place_of(map: MapState) -> np.ndarray:
+    """(M, M) uint8, 1 in the cell the robot is in."""
+    place = np.zeros(map.explored.shape, np.uint8)
+    place[tuple(np.clip(world_to_cell(map.pose[:2, 3], map.origin, map.cell), 0, len(place) - 1))] = 1
+    return place
