@@ -153,10 +153,13 @@ class ScenesList:
 
 @dataclass(frozen=True)
 class ScenesShow:
-    """What is in a scene; with --out also its picture from above."""
+    """What is in a scene; with --out also its picture from above, with --page a 3-D page for a browser."""
 
     name: Annotated[Positional[str], arg(help="A scene of the library, or a file.")]
     out: Annotated[Path | None, arg(help="Where to write the picture (PNG).")] = None
+    page: Annotated[
+        Path | None, arg(help="Where to write the 3-D page (HTML); it needs neither kernel nor network.")
+    ] = None
 
     def run(self) -> None:
         """Print sizes and objects."""
@@ -171,6 +174,8 @@ class ScenesShow:
         print("\n".join(f"{count:4d} {name}" for name, count in sorted(found.items())))
         if self.out is not None:
             _write_picture(scene.top_view()[0], self.out)
+        if self.page is not None:
+            print(scene.page(self.page))
 
 
 @dataclass(frozen=True)
@@ -206,7 +211,7 @@ class ScenesImport:
 
 @dataclass(frozen=True)
 class ScenesExport:
-    """Write a scene as GLB, with its texture or coloured by class."""
+    """Write a scene as GLB, with its texture or coloured by class, and its semantics beside it (JSON)."""
 
     name: Annotated[Positional[str], arg(help="A scene of the library, or a file.")]
     out: Annotated[Path, arg(help="The GLB file.")]

@@ -1,14 +1,19 @@
 """Scenes in files: frozen ones, damaged ones, and those that other programs write."""
 
 import json
+import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
+import autonerf_lab as lab
 from autonerf_lab.errors import DataError, SceneError, UnknownNameError
+from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.scenes import generate_apartment, import_scene, load_scene, scene_names
 from autonerf_lab.scenes.library import folder
 from autonerf_lab.scenes.spec import dumps, read_spec
@@ -84,6 +89,103 @@ def test_glb_is_upright_and_semantic_colours_are_the_classes(tmp_path: Path) -> 
     height = np.ptp(scene.bounds, axis=0)[2]
     assert np.isclose(size[1], height, atol=1e-3)  # y is up in a GLB
     assert any(node.startswith("toilet_") for node in loaded.graph.nodes_geometry)
+
+
+def test_semantics_travel_beside_the_mesh(tmp_path: Path) -> None:
+    """Exported and imported again: the same class, object and name for the same triangles."""
+    scene = generate_apartment(11)
+    back = import_scene(scene.export_glb(tmp_path / "home.glb"))
+    # the file holds an object after the other, each with its triangles as they were
+    order, read = (np.argsort(s.face_instance, kind="stable") for s in (scene, back))
+    assert np.array_equal(back.face_instance[read], scene.face_instance[order])
+    assert np.array_equal(back.face_class[read], scene.face_class[order])
+    assert {i.id: i.name for i in back.instances} == {i.id: i.name for i in scene.instances}
+    shift = back.vertices[back.faces[read]] - scene.vertices[scene.faces[order]]
+    assert np.abs(shift - shift[0, 0]).max() < 1e-4  # it only moved, to the middle
+
+
+def test_a_mesh_of_one_node_names_its_faces(tmp_path: Path) -> None:
+    room().export(tmp_path / "room.ply")
+    sidecar = tmp_path / "room.semantics.json"
+    said = {"format": "autonerf-lab semantics", "version": 1}
+    faces = {"class": [4] * 2 + [0] * 10, "instance": [7] * 2 + [0] * 10, "names": {"7": "bunk"}}
+    sidecar.write_text(json.dumps({**said, "faces": faces}))
+    scene = import_scene(tmp_path / "room.ply", up="y")
+    assert scene.face_class.tolist() == [4] * 2 + [0] * 10
+    assert [(i.id, i.class_id, i.name) for i in scene.instances] == [(7, 4, "bunk")]
+    for change, message in [
+        ({"faces": {**faces, "class": [4]}}, "1 classes and 12 instances; room.ply has 12 triangles"),
+        ({"faces": {**faces, "class": [16] * 12}}, "whole numbers from 0 to 15"),
+        ({"faces": {**faces, "names": {"x": 1}}}, "names"),
+        ({"nodes": {"bed": {"class": "spaceship"}}}, "node 'bed' has no class"),
+        ({"nodes": {"bed": {"class": "bed", "instance": -1}}}, "bad instance"),
+        ({"nodes": []}, "'nodes'"),
+        ({"version": 2}, "version 1"),
+    ]:
+        sidecar.write_text(json.dumps({**said, **change}))
+        with pytest.raises(SceneError, match=message) as caught:
+            import_scene(tmp_path / "room.ply", up="y")
+        assert "room.semantics.json" in str(caught.value)
+    sidecar.write_text("{")
+    with pytest.raises(SceneError, match=r"room\.semantics\.json is not readable"):
+        import_scene(tmp_path / "room.ply", up="y")
+
+
+def test_a_repeated_picture_is_repeated(tmp_path: Path) -> None:
+    """A floor with a picture of four colours, three times across and twice down, as tiles are in most files."""
+    colours = np.array([[[250, 0, 0], [0, 250, 0]], [[0, 0, 250], [250, 250, 0]]], dtype=np.uint8)
+    floor = trimesh.Trimesh([[0, 0, 0], [6, 0, 0], [6, 4, 0], [0, 4, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
+    uv = np.array([[0, 0], [3, 0], [3, 2], [0, 2]], dtype=float)
+    picture = Image.fromarray(colours.repeat(8, axis=0).repeat(8, axis=1))
+    floor.visual = trimesh.visual.TextureVisuals(
+        uv=uv, material=trimesh.visual.material.PBRMaterial(baseColorTexture=picture)
+    )
+    floor.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))  # y up
+    (tmp_path / "floor.glb").write_bytes(trimesh.exchange.gltf.export_glb(trimesh.Scene(floor)))
+    scene = import_scene(tmp_path / "floor.glb")
+    seen, _ = scene.top_view(10)
+    assert seen.shape[:2] == (42, 62)  # with a margin of a pixel
+    for row in range(4):
+        for column in range(6):
+            expected = colours[row % 2, column % 2].astype(int)
+            assert np.abs(seen[10 * row + 6, 10 * column + 6] - expected).max() < 25, (row, column)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
+def test_a_scan_with_holes_can_be_explored(tmp_path: Path, suffix: str) -> None:
+    """As a scanner would leave it: coloured corners, one triangle in twenty missing, noise under the floor."""
+    scene = generate_apartment(11)
+    rng = np.random.default_rng(0)
+    faces = scene.faces[rng.random(len(scene.faces)) > 0.05]
+    colours = rng.integers(40, 220, (len(scene.vertices), 3)).astype(np.uint8)
+    mesh = trimesh.Trimesh(scene.vertices, faces, vertex_colors=colours, process=False)
+    flakes = trimesh.creation.box((0.05, 0.05, 0.02))
+    flakes.visual.vertex_colors = np.full((8, 4), 255, np.uint8)
+    flakes.apply_translation([*scene.bounds.mean(axis=0)[:2], -0.6])
+    path = tmp_path / f"scan.{suffix}"
+    trimesh.util.concatenate([mesh, flakes]).export(path)
+    scan = import_scene(path, up="z")
+    assert (
+        abs(np.ptp(scan.bounds[:, 2]) - np.ptp(scene.bounds[:, 2]) - 0.6) < 0.05 and -0.65 < scan.bounds[0, 2] < -0.55
+    )
+    walk = lab.explore(lab.Simulator(scan, Intrinsics.from_fov(32, 32), rgb=False), "frontier", 20, progress=False)
+    assert walk.meta["explored_m2"][-1] > 5 and not walk.semantics.any()
+
+
+def test_a_page_needs_nothing_but_itself(tmp_path: Path) -> None:
+    scene = generate_apartment(11)
+    text = scene.page(tmp_path / "home.html").read_text()
+    assert len(text) < 8e6 and "THREE" in text and "chair" in text
+    assert not re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=", text)  # nothing is loaded
+    assert not [u for u in re.findall(r"fetch\(.{0,40}", text) if "http" in u]
+    assert "/*" + "CORNERS" not in text and "/*" + "FACTS" not in text
+
+
+def test_a_page_shows_names_and_does_not_run_them(tmp_path: Path) -> None:
+    room().export(tmp_path / "room.ply")
+    scene = replace(import_scene(tmp_path / "room.ply", up="y"), name="</script><img src=x onerror=alert(1)>")
+    text = scene.page(tmp_path / "room.html").read_text()
+    assert "<img src=x" not in text and "\\u003cimg src=x" in text
 
 
 def room() -> trimesh.Trimesh:

@@ -34,7 +34,7 @@ def export_glb(scene: Scene, path: Path, semantic: bool = False) -> Path:
         writer.image(picture.getvalue())
         materials = [_material("baked", None)]
     nodes, meshes = [], []
-    names = {0: "building", **{i.id: f"{CLASS_NAMES[i.class_id]}_{i.id}" for i in scene.instances}}
+    names = node_names(scene)
     for number in np.unique(scene.face_instance).tolist():
         faces = np.flatnonzero(scene.face_instance == number)
         corners = scene.vertices[scene.faces[faces].reshape(-1)]
@@ -64,6 +64,11 @@ def export_glb(scene: Scene, path: Path, semantic: bool = False) -> Path:
     }
     write_bytes(path, _container(document, bytes(writer.blob)))
     return path
+
+
+def node_names(scene: Scene) -> dict[int, str]:
+    """Name of the node of each object in the GLB, by the object's number; 0 is the building."""
+    return {0: "building", **{i.id: f"{CLASS_NAMES[i.class_id]}_{i.id}" for i in scene.instances}}
 
 
 def _material(name: str, colour: np.ndarray | None) -> dict:

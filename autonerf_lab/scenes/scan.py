@@ -1,6 +1,7 @@
 """Bring your own: a GLB, OBJ or PLY of a real place becomes a scene.
 
-Semantics come from the names of the nodes ("chair_12" is a chair); without such names everything is background.
+Semantics come from a sidecar (``sidecar.py``), else from the names of the nodes ("chair_12" is a chair); without both
+everything is background.
 """
 
 import hashlib
@@ -16,6 +17,7 @@ import numpy as np
 from autonerf_lab.classes import CLASS_NAMES
 from autonerf_lab.errors import SceneError
 from autonerf_lab.scenes.scene import Scene
+from autonerf_lab.scenes.sidecar import read_sidecar, sidecar_path
 
 MAX_BYTES = 256 * 2**20
 MAX_FACES = 5_000_000
@@ -23,6 +25,8 @@ MAX_PIXELS = 8192
 MIN_SIDE, MAX_SIDE = 1.0, 200.0  # metres: a cupboard or a landscape is not a home, or not in metres
 FORMATS = {".glb", ".obj", ".ply"}
 TEXTURE_WIDTH = 4096  # texels in a row of the atlas of a mesh without texture
+MAX_TILES = 64  # repetitions of a picture across one face
+REPEATED_SIDE = 2048  # texels, longest side of a picture that is repeated
 
 
 def import_scene(path: str | Path, up: str | None = None) -> Scene:
@@ -67,18 +71,37 @@ def import_scene(path: str | Path, up: str | None = None) -> Scene:
         raise SceneError(f"{path}: a face points to a vertex that does not exist")
     vertices = _settle(path, vertices, faces)
     uv, texture = _texture(path, parts)
-    counts = [len(p["faces"]) for p in parts]
-    class_ids = np.repeat([p["class_id"] for p in parts], counts).astype(np.uint8)
-    numbers = np.repeat([k if p["class_id"] else 0 for k, p in enumerate(parts, start=1)], counts).astype(np.int32)
+    class_ids, numbers, names = _semantics(path, parts)
     return Scene(
         path.stem,
         vertices.astype(np.float32),
         faces.astype(np.int32),
-        class_ids,
-        numbers,
+        class_ids.astype(np.uint8),
+        numbers.astype(np.int32),
         uv,
         partial(np.asarray, texture),
+        names=names,
     )
+
+
+def _semantics(path: Path, parts: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray, dict[int, str]]:
+    """Class and instance of every face, and the names of the instances."""
+    counts = [len(p["faces"]) for p in parts]
+    if not sidecar_path(path).exists():
+        classes = [class_of(p["node"]) or class_of(p["name"]) for p in parts]
+        numbers = [k if class_id else 0 for k, class_id in enumerate(classes, start=1)]
+        return np.repeat(classes, counts), np.repeat(numbers, counts), {}
+    said = read_sidecar(sidecar_path(path))
+    if said.faces is not None:
+        if len(parts) != 1 or any(len(values) != sum(counts) for values in said.faces):
+            raise SceneError(
+                f"{sidecar_path(path)}: 'faces' has {len(said.faces[0])} classes and {len(said.faces[1])} instances;"
+                f" {path.name} has {sum(counts)} triangles in {len(parts)} meshes (faces need one mesh)"
+            )
+        return *said.faces, said.names
+    entries = [said.nodes.get(p["node"], said.nodes.get(p["name"], (0, 0))) for p in parts]
+    found = np.array(entries, dtype=np.int64).reshape(-1, 2)
+    return np.repeat(found[:, 0], counts), np.repeat(found[:, 1], counts), said.names
 
 
 def class_of(name: str) -> int:
@@ -160,8 +183,8 @@ def _load(path: Path) -> list[dict[str, Any]]:
             faces = np.asarray(mesh.faces, dtype=np.int64)
             if np.linalg.det(matrix[:3, :3]) < 0:
                 faces = faces[:, ::-1]
-            class_id = class_of(str(node)) or class_of(str(name))
-            found.append({"vertices": vertices, "faces": faces, "class_id": class_id, **_look(mesh, faces, pictures)})
+            look = _look(mesh, faces, pictures)
+            found.append({"vertices": vertices, "faces": faces, "node": str(node), "name": str(name), **look})
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error
     except Exception as error:  # trimesh and its parsers raise anything on damaged files
@@ -241,8 +264,11 @@ def _texture(path: Path, parts: list[dict[str, Any]]) -> tuple[np.ndarray, np.nd
     """One atlas: pictures stacked on each other, then a strip of 3 x 3 texel tiles for what has colours only."""
     pictures: list[np.ndarray] = []
     rows_of: dict[int, int] = {}
+    tiled: dict[tuple[int, int, int], np.ndarray] = {}
     rows, width = 0, 3
     for part in parts:
+        if "picture" in part:
+            part["picture"], part["uv"] = _repeated(part["picture"], part["uv"], tiled)
         picture = part.get("picture")
         if picture is not None:
             width = max(width, picture.shape[1])
@@ -257,9 +283,7 @@ def _texture(path: Path, parts: list[dict[str, Any]]) -> tuple[np.ndarray, np.nd
                 rows_of[key] = rows
                 pictures.append(np.pad(picture, ((0, 0), (0, width - picture.shape[1]), (0, 0))))
                 rows += picture.shape[0]
-            inner = part["uv"] - np.floor(part["uv"].min(axis=1, keepdims=True) + 1e-6)
-            inner = np.clip(inner, 0, 1)
-            texel = inner * [picture.shape[1], picture.shape[0]] + [0, rows_of[key]]
+            texel = part["uv"] * [picture.shape[1], picture.shape[0]] + [0, rows_of[key]]
         else:
             colour = part["colour"].astype(np.float64)
             per_row = width // 3
@@ -277,3 +301,23 @@ def _texture(path: Path, parts: list[dict[str, Any]]) -> tuple[np.ndarray, np.nd
         result.append(texel)
     uv = np.concatenate(result) / np.array([width, rows], dtype=np.float64)
     return uv.astype(np.float32), np.concatenate(pictures)
+
+
+def _repeated(
+    picture: np.ndarray, uv: np.ndarray, known: dict[tuple[int, int, int], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The picture as often as the longest face repeats it, and uv in [0, 1] of that; sharper ones are shrunk to fit."""
+    start = uv - np.floor(uv.min(axis=1, keepdims=True) + 1e-6)
+    across, down = (int(np.clip(np.ceil(v - 1e-6), 1, MAX_TILES)) for v in start.max(axis=(0, 1)))
+    key = (id(picture), across, down)
+    if key not in known:
+        from PIL import Image
+
+        height, width = picture.shape[:2]
+        shrink = min(1.0, REPEATED_SIDE / (width * across), REPEATED_SIDE / (height * down))
+        once = picture
+        if (across > 1 or down > 1) and shrink < 1:
+            size = max(1, round(width * shrink)), max(1, round(height * shrink))
+            once = np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BOX))
+        known[key] = np.tile(once, (down, across, 1)) if across * down > 1 else picture
+    return known[key], np.clip(start / [across, down], 0, 1)

@@ -47,6 +47,7 @@ class Scene:
     uv: np.ndarray  # (F, 3, 2) float32 in [0, 1]
     bake: Callable[[], np.ndarray] = field(repr=False)  # makes the texture when somebody first looks at it
     spec: dict | None = field(default=None, repr=False)  # what a generated scene was built from
+    names: dict[int, str] = field(default_factory=dict, repr=False)  # of objects, by id; those of the spec go first
 
     @cached_property
     def texture(self) -> np.ndarray:
@@ -64,7 +65,7 @@ class Scene:
         """Every object that has faces, by id."""
         order = np.argsort(self.face_instance, kind="stable")
         ids, starts = np.unique(self.face_instance[order], return_index=True)
-        names = {} if self.spec is None else {o["id"]: o["name"] for o in self.spec["objects"]}
+        names = self.names if self.spec is None else {o["id"]: o["name"] for o in self.spec["objects"]}
         found = []
         for number, group in zip(ids.tolist(), np.split(order, starts[1:]), strict=True):
             if number == 0:
@@ -100,9 +101,24 @@ class Scene:
     def export_glb(self, path: str | Path, semantic: bool = False) -> Path:
         """Write a GLB that opens upright: y up, metres, texture embedded; ``semantic`` colours it by class instead.
 
+        Its semantics go beside it, as ``NAME.semantics.json``, so that :func:`import_scene` gives back the same scene.
+
+        Raises:
+            DataError: a file cannot be written.
+        """
+        from autonerf_lab.scenes.gltf import export_glb
+        from autonerf_lab.scenes.sidecar import write_sidecar
+
+        written = export_glb(self, Path(path), semantic)
+        write_sidecar(self, written)
+        return written
+
+    def page(self, path: str | Path) -> Path:
+        """Write an interactive 3-D page: one HTML file that opens from disk, without kernel or network.
+
         Raises:
             DataError: the file cannot be written.
         """
-        from autonerf_lab.scenes.gltf import export_glb
+        from autonerf_lab.scenes.page import write_page
 
-        return export_glb(self, Path(path), semantic)
+        return write_page(self, Path(path))
