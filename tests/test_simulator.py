@@ -1,9 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toy_scene import closet, empty_room, two_rooms
 
 from autonerf_lab.errors import SceneError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, planar_pose, so3_exp
+from autonerf_lab.scenes import Scene, generate_apartment
+from autonerf_lab.scenes.build import build
 from autonerf_lab.simulator import Noise, RayCaster, Simulator
 from autonerf_lab.simulator.noise import compose
 from autonerf_lab.types import Action
@@ -263,3 +267,69 @@ def test_opengl_agrees():
             total += depth.size
     assert far <= 0.01 * total
     assert different <= 0.02 * total
+
+
+def test_a_large_mesh_is_cast_and_looks_the_same(monkeypatch):
+    scene = generate_apartment(11)
+    camera = Intrinsics.from_fov(48, 48)
+    drawn = Simulator(scene, camera)
+    poses = [drawn.sample_pose(np.random.default_rng(k)) for k in range(4)]
+    expected = [drawn.render(pose) for pose in poses]
+    monkeypatch.setattr("autonerf_lab.simulator.simulator.CAST_FROM", 0)
+    for pose, frame in zip(poses, expected, strict=True):
+        cast = drawn.render(pose)
+        same = np.abs(cast.depth - frame.depth) < 1e-3
+        assert same.mean() > 0.995 and (cast.instances == frame.instances)[same].mean() > 0.999
+        assert np.abs(cast.rgb.astype(int) - frame.rgb).mean() < 0.5
+
+
+def polished_floor() -> tuple[Scene, np.ndarray]:
+    """A floor of 8 x 8 m that shines, black otherwise, under one lamp 2 m above its middle."""
+    floor = {"id": 0, "class": "background", "name": "floor", "parts": [
+        {"quad": [[8, 0, 0], [0, 8, 0]], "at": [-4, -4, 0], "m": "slate"}]}  # fmt: skip
+    lamp = {"kind": "lamp", "at": [0, 0, 2], "color": [1, 1, 1], "power": 4}
+    spec = {"name": "floor", "lights": [lamp], "materials": {"slate": {"kind": "tile"}}, "objects": [floor]}
+    spec["rooms"] = [{"category": "living", "polygon": [[-4, -4], [4, -4], [4, 4], [-4, 4]]}]
+    scene = replace(build(spec), bake=lambda: np.zeros((8, 8, 3), np.uint8))
+    return scene, np.array(lamp["at"], dtype=float)
+
+
+def test_a_highlight_stands_where_a_mirror_would_show_the_lamp():
+    scene, lamp = polished_floor()
+    sim = Simulator(scene, Intrinsics.from_fov(129, 129), supersample=1, gloss=True)
+    for x in (-3.8, -3.0):
+        pose = planar_pose(x, 0.5, 0.0)
+        rgb = sim.render(pose).rgb.astype(float).sum(axis=2)
+        eye = pose[:3, 3]
+        mirrored = lamp * [1, 1, -1]
+        t = eye[2] / (eye[2] - mirrored[2])
+        expected = eye + t * (mirrored - eye)  # on the floor
+        k = sim.intrinsics
+        ahead, left, down = expected[0] - eye[0], expected[1] - eye[1], eye[2]
+        column, row = k.cx - k.fl_x * left / ahead, k.cy + k.fl_y * down / ahead
+        brightest = np.argwhere(rgb == rgb.max()).mean(axis=0)
+        assert abs(brightest[1] + 0.5 - column) < 4 and abs(brightest[0] + 0.5 - row) < 8, (x, brightest, row, column)
+        assert rgb.max() > 100 and rgb[64:].min() < 5
+
+
+def test_gloss_changes_with_the_view_and_only_when_asked():
+    scene = generate_apartment(11)
+    camera = Intrinsics.from_fov(48, 48)
+    plain, glossy = Simulator(scene, camera), Simulator(scene, camera, gloss=True)
+    dull = Simulator(replace(scene, gloss=np.zeros(len(scene.faces), np.float32)), camera, gloss=True)
+    rng = np.random.default_rng(0)
+    brighter = 0
+    for _ in range(6):
+        pose = plain.sample_pose(rng)
+        without, with_ = plain.render(pose), glossy.render(pose)
+        assert np.array_equal(dull.render(pose).rgb, without.rgb)
+        assert (with_.rgb >= without.rgb).all() and np.array_equal(with_.depth, without.depth)
+        brighter += int((with_.rgb.astype(int) - without.rgb).max() > 20)
+    assert brighter >= 4
+
+
+def test_nobody_knows_what_shines_in_a_scan():
+    toy = two_rooms()
+    scan = Scene("scan", toy.vertices, toy.faces, toy.face_class, toy.face_instance, toy.uv, bake=lambda: toy.texture)
+    with pytest.raises(SceneError, match="without gloss"):
+        Simulator(scan, gloss=True)

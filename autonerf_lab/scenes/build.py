@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 
 from autonerf_lab.classes import CLASS_NAMES
+from autonerf_lab.scenes.materials import GLOSS
 from autonerf_lab.scenes.patches import Patches, build_patches, triangulate
 from autonerf_lab.scenes.scene import Scene
 
@@ -24,8 +25,10 @@ def build(spec: dict) -> Scene:
     numbers = np.array([thing["id"] for thing in spec["objects"]], dtype=np.int32)
     owner = patches.object[patch]
 
+    shine = np.array([GLOSS.get(m["kind"], 0.0) for m in spec["materials"].values()], dtype=np.float32)
+    gloss = shine[patches.material[patch]]
     texture = partial(_texture, spec, patches)
-    return Scene(spec["name"], vertices, faces, classes[owner], numbers[owner], uv, texture, spec)
+    return Scene(spec["name"], vertices, faces, classes[owner], numbers[owner], uv, texture, spec, gloss)
 
 
 def _texture(spec: dict, patches: Patches) -> np.ndarray:

@@ -27,6 +27,11 @@ STRIPES, DAMASK, STONE, METAL, CERAMIC, BANDS, LABEL, GLASS, LEAF, BOOK, PICTURE
 OUTDOORS, SCREEN, CLOCK, CLOCK_SQUARE, RINGS = range(23, 28)
 MOTTLE = {"plaster": 0.3, "paint": 0.22, "carpet": 0.3, "fabric": 0.24, "stripes": 0.26, "damask": 0.26}
 
+GLOSS = {  # share of a lamp's light that comes back as a highlight, where a renderer asks for one
+    "wood": 0.25, "herringbone": 0.25, "grain": 0.15, "tile": 0.45, "checker": 0.45, "stone": 0.4, "metal": 0.6,
+    "ceramic": 0.7, "glass": 0.8, "screen": 0.6, "picture": 0.3, "label": 0.3,
+}  # fmt: skip
+
 
 @njit(cache=True)
 def _step(x: float, low: float, high: float) -> float:

@@ -47,6 +47,7 @@ class Scene:
     uv: np.ndarray  # (F, 3, 2) float32 in [0, 1]
     bake: Callable[[], np.ndarray] = field(repr=False)  # makes the texture when somebody first looks at it
     spec: dict | None = field(default=None, repr=False)  # what a generated scene was built from
+    gloss: np.ndarray | None = field(default=None, repr=False)  # (F,) float32 in [0, 1], how much it shines; None: dull
     names: dict[int, str] = field(default_factory=dict, repr=False)  # of objects, by id; those of the spec go first
 
     @cached_property

@@ -11,6 +11,8 @@ the result is the same (a test says so).
 import numpy as np
 from numba import njit
 
+from autonerf_lab.simulator.gloss import highlight
+
 CHUNK = 32  # faces that are tested against the view frustum together
 _SLACK = 1e-3  # pixels
 _NEAR = 1e-4  # metres; only bounds the screen rectangle of triangles that reach behind the camera
@@ -159,6 +161,17 @@ def rasterize(
 
 
 @njit(cache=True, nogil=True)
+def _normal(triangles: np.ndarray, f: int, out: np.ndarray) -> None:
+    a, b = triangles[f, 1] - triangles[f, 0], triangles[f, 2] - triangles[f, 0]
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    size = np.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+    for j in range(3):
+        out[j] /= max(size, 1e-12)
+
+
+@njit(cache=True, nogil=True)
 def shade(
     face: np.ndarray,
     triangles: np.ndarray,
@@ -166,6 +179,10 @@ def shade(
     texture: np.ndarray,
     w2c: np.ndarray,
     camera: np.ndarray,
+    gloss: np.ndarray,
+    room: np.ndarray,
+    first: np.ndarray,
+    lamps: np.ndarray,
     rgb: np.ndarray,
 ) -> None:
     """Colour of each pixel: the mean of its k x k samples, each a bilinear look-up in the texture.
@@ -180,6 +197,7 @@ def shade(
         texture: (Ht, Wt, 3) uint8.
         w2c: (4, 4) float64 world-to-camera.
         camera: (4,) of the k times finer image.
+        gloss: (F,) float32, with room, first and lamps those of ``gloss.Gloss``; (0,) for none.
         rgb: (H, W, 3) uint8, written; black where nothing was hit.
     """
     height, width = rgb.shape[0], rgb.shape[1]
@@ -189,6 +207,11 @@ def shade(
     e = np.empty((4, 3))
     plane = np.empty((3, 3))  # inverse depth, u and v over depth: each linear in the sample
     last = -1
+    shiny, det = False, 0.0
+    point, normal, glow = np.empty(3), np.empty(3), np.zeros(3)
+    eye = np.empty(3)  # -R^T t
+    for j in range(3):
+        eye[j] = -(w2c[0, j] * w2c[0, 3] + w2c[1, j] * w2c[1, 3] + w2c[2, j] * w2c[2, 3])
     for row in range(height):
         for col in range(width):
             red = green = blue = 0.0
@@ -200,11 +223,14 @@ def shade(
                 if f != last:
                     last = f
                     _to_camera(triangles, f, w2c, v)
-                    _edges(v, camera[0], camera[1], camera[2], camera[3], e)
+                    det = _edges(v, camera[0], camera[1], camera[2], camera[3], e)
                     for j in range(3):
                         plane[0, j] = e[0, j] + e[1, j] + e[2, j]
                         plane[1, j] = (e[0, j] * uv[f, 0, 0] + e[1, j] * uv[f, 1, 0] + e[2, j] * uv[f, 2, 0]) * cols
                         plane[2, j] = (e[0, j] * uv[f, 0, 1] + e[1, j] * uv[f, 1, 1] + e[2, j] * uv[f, 2, 1]) * rows
+                    shiny = gloss.shape[0] > 0 and gloss[f] > 0 and room[f] >= 0
+                    if shiny:
+                        _normal(triangles, f, normal)
                 depth = 1.0 / (plane[0, 0] * x + plane[0, 1] * y + plane[0, 2])
                 tx = (plane[1, 0] * x + plane[1, 1] * y + plane[1, 2]) * depth - 0.5
                 ty = (plane[2, 0] * x + plane[2, 1] * y + plane[2, 2]) * depth - 0.5
@@ -219,6 +245,17 @@ def shade(
                 green += w11 * texture[y1, x1, 1]
                 blue += w00 * texture[y0, x0, 2] + w01 * texture[y0, x1, 2] + w10 * texture[y1, x0, 2]
                 blue += w11 * texture[y1, x1, 2]
+                if shiny:
+                    across, up = (x + 0.5 - camera[2]) / camera[0], -(y + 0.5 - camera[3]) / camera[1]
+                    far = depth * det  # metres: the planes are scaled by the triangle's determinant
+                    for j in range(3):
+                        point[j] = eye[j] + far * (w2c[0, j] * across + w2c[1, j] * up - w2c[2, j])
+                    glow[:] = 0.0
+                    highlight(point, normal, eye, gloss[f], lamps[first[room[f]] : first[room[f] + 1]], glow)
+                    red, green, blue = red + glow[0], green + glow[1], blue + glow[2]
+            if gloss.shape[0] > 0:
+                limit = 255.0 * k * k
+                red, green, blue = min(red, limit), min(green, limit), min(blue, limit)
             rgb[row, col, 0] = int(red / (k * k) + 0.5)
             rgb[row, col, 1] = int(green / (k * k) + 0.5)
             rgb[row, col, 2] = int(blue / (k * k) + 0.5)

@@ -6,8 +6,9 @@ from functools import cached_property
 import numpy as np
 
 from autonerf_lab.errors import SceneError
-from autonerf_lab.geometry import Intrinsics, planar_from_pose, planar_pose
+from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, planar_pose
 from autonerf_lab.scenes.scene import Scene
+from autonerf_lab.simulator.gloss import NONE, gloss_of
 from autonerf_lab.simulator.navigation import NavigationGrid, build_navigation
 from autonerf_lab.simulator.noise import Motion, Noise, compose
 from autonerf_lab.simulator.raster import chunk_bounds, rasterize, shade
@@ -15,6 +16,7 @@ from autonerf_lab.simulator.raycast import Hits, RayCaster
 from autonerf_lab.types import Action, Observation
 
 _COLLISION = 0.8  # of a forward motion: getting less far is a collision (0.20 m of 0.25 m)
+CAST_FROM = 250_000  # triangles; the cost of drawing grows with them, that of casting rays hardly does
 _NO_NOISE = Noise(actuation=False, odometry=False)
 
 
@@ -38,9 +40,10 @@ class Simulator:
             never averaged: they are those of the pixel centre.
         rgb: whether observations have colours (else black): policies that do not look at them train faster.
         noise: of motion and odometry; none without.
+        gloss: whether polished surfaces show highlights, which move with the camera (generated scenes only).
 
     Raises:
-        SceneError: no floor, or no place where the robot fits.
+        SceneError: no floor, or no place where the robot fits; or gloss for a scan.
 
     Example:
         >>> from autonerf_lab.scenes import load_scene
@@ -58,6 +61,7 @@ class Simulator:
         supersample: int = 2,
         rgb: bool = True,
         noise: Noise | None = None,
+        gloss: bool = False,
     ) -> None:
         if supersample < 1:
             raise ValueError(f"supersample must be at least 1, not {supersample}")
@@ -69,12 +73,12 @@ class Simulator:
         self.navigation: NavigationGrid = build_navigation(scene)
         self._triangles = np.ascontiguousarray(scene.vertices[scene.faces], dtype=np.float32)
         self._chunks = chunk_bounds(self._triangles)
+        self._gloss = gloss_of(scene) if gloss else NONE
         # Face -1 is "no surface": it reads the last entry.
         self._classes = np.append(scene.face_class, 0).astype(np.uint8)
         self._instances = np.append(scene.face_instance, 0).astype(np.int32)
         width, height = self.intrinsics.width, self.intrinsics.height
-        self._camera = _camera(self.intrinsics)
-        self._fine = _camera(self.intrinsics.resized(width * supersample, height * supersample))
+        self._fine_intrinsics = self.intrinsics.resized(width * supersample, height * supersample)
         self._face = np.empty((height, width), np.int32)
         self._inverse_depth = np.empty((height, width), np.float32)
         self._fine_face = np.empty((height * supersample, width * supersample), np.int32)
@@ -101,18 +105,36 @@ class Simulator:
             c2w: (4, 4) camera-to-world.
             rgb: False leaves the colours black, and the texture of the scene unmade.
         """
-        w2c = np.linalg.inv(np.asarray(c2w, dtype=np.float64))
-        rasterize(self._triangles, self._chunks, w2c, self._camera, self._inverse_depth, self._face)
+        c2w = np.asarray(c2w, dtype=np.float64)
+        w2c = np.linalg.inv(c2w)
+        self._draw(c2w, w2c, self.intrinsics, self._inverse_depth, self._face)
         colors = np.zeros((*self._face.shape, 3), np.uint8)
         if rgb:
             face = self._face
             if self._fine_face.shape != face.shape:
                 face = self._fine_face
-                rasterize(self._triangles, self._chunks, w2c, self._fine, self._fine_inverse_depth, face)
-            shade(face, self._triangles, self.scene.uv, self.scene.texture, w2c, self._fine, colors)
+                self._draw(c2w, w2c, self._fine_intrinsics, self._fine_inverse_depth, face)
+            g = self._gloss
+            texture = self.scene.texture
+            shade(
+                face, self._triangles, self.scene.uv, texture, w2c, _camera(self._fine_intrinsics),
+                g.strength, g.room, g.first, g.lamps, colors,
+            )  # fmt: skip
         hit = self._inverse_depth > 0
         depth = np.divide(np.float32(1), self._inverse_depth, out=np.zeros(hit.shape, np.float32), where=hit)
         return Frame(colors, depth, self._classes[self._face], self._instances[self._face])
+
+    def _draw(
+        self, c2w: np.ndarray, w2c: np.ndarray, camera: Intrinsics, inverse_depth: np.ndarray, face: np.ndarray
+    ) -> None:
+        """Fill the inverse depth and the face of every pixel, by drawing or, in a large mesh, by casting."""
+        if len(self._triangles) < CAST_FROM:
+            rasterize(self._triangles, self._chunks, w2c, _camera(camera), inverse_depth, face)
+            return
+        rays_o, rays_d = camera_rays(camera, c2w)
+        hits = self.cast(rays_o.reshape(-1, 3), rays_d.reshape(-1, 3))
+        face[:] = hits.face.reshape(face.shape)
+        inverse_depth[:] = 1 / hits.t.reshape(face.shape)
 
     def cast(self, rays_o: np.ndarray, rays_d: np.ndarray) -> Hits:
         """First hits of arbitrary rays, (N, 3) origins and directions of any length, world frame."""
