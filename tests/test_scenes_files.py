@@ -172,6 +172,149 @@ def test_a_scan_with_holes_can_be_explored(tmp_path: Path, suffix: str) -> None:
     assert walk.meta["explored_m2"][-1] > 5 and not walk.semantics.any()
 
 
+def textured(path: Path, picture: np.ndarray, quads: list[tuple[tuple[float, ...], tuple[float, ...]]]) -> Path:
+    """A GLB of rectangles on the floor: (x0, y0, x1, y1) shows the picture's (u0, v0, u1, v1), v up."""
+    ends = [(0, 1), (2, 1), (2, 3), (0, 3)]
+    vertices = [[place[i], place[j], 0] for place, _ in quads for i, j in ends]
+    uv = np.array([[shown[i], shown[j]] for _, shown in quads for i, j in ends], dtype=float)
+    faces = [[4 * k + a, 4 * k + b, 4 * k + c] for k in range(len(quads)) for a, b, c in ((0, 1, 2), (0, 2, 3))]
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.fromarray(picture))
+    mesh.visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))  # y up
+    path.write_bytes(trimesh.exchange.gltf.export_glb(trimesh.Scene(mesh)))
+    return path
+
+
+@pytest.mark.parametrize("offset", [(0, 0), (-3, 5), (0.25, -0.5)])
+def test_repeated_looks_like_baked(tmp_path: Path, offset: tuple[float, float]) -> None:
+    """A checker four times across and three times down, wherever in the plane of the tiles it begins."""
+    u, v = offset
+    checker = np.stack([np.indices((32, 32)).sum(0) // 8 % 2 * 200] * 3, axis=-1).astype(np.uint8)
+    checker[..., 2] = np.arange(32) * 8
+    baked = np.roll(np.tile(checker, (3, 4, 1)), (int(v * 32), -int(u * 32)), axis=(0, 1))
+    first = textured(tmp_path / "tiled.glb", checker, [((0, 0, 4, 3), (u, v, u + 4, v + 3))])
+    second = textured(tmp_path / "baked.glb", baked, [((0, 0, 4, 3), (0, 0, 1, 1))])
+    pictures = [import_scene(path).top_view(16)[0].astype(int) for path in (first, second)]
+    assert np.abs(pictures[0] - pictures[1]).max() <= 2
+
+
+def test_one_repeating_face_costs_the_others_no_sharpness(tmp_path: Path) -> None:
+    picture = np.random.default_rng(0).integers(0, 255, (1024, 1024, 3)).astype(np.uint8)
+    quads = [((0.0, 0.0, 4.0, 4.0), (0.0, 0.0, 1.0, 1.0)), ((5.0, 0.0, 6.0, 1.0), (0.0, 0.0, 500.0, 9.0))]
+    scene = import_scene(textured(tmp_path / "two.glb", picture, quads))
+    assert np.array_equal(scene.texture[:1024, :1024], picture)
+    spread = np.ptp(scene.uv[:2].reshape(-1, 2), axis=0) * scene.texture.shape[1::-1]
+    assert np.allclose(spread, 1024, atol=1)  # it still has every texel
+    assert scene.texture.size < 3 * 2048 * 4096
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_texture_coordinates_are_numbers(tmp_path: Path, value: float) -> None:
+    path = textured(tmp_path / "odd.glb", np.zeros((4, 4, 3), np.uint8), [((0, 0, 4, 3), (0, 0, value, 1))])
+    with pytest.raises(SceneError, match=r"odd\.glb: a texture coordinate is not a finite number"):
+        import_scene(path)
+
+
+def sheet(x: float, y: float, z: float, down: bool = False) -> trimesh.Trimesh:
+    """A horizontal grid of 0.3 m cells from the origin to (x, y)."""
+    columns, rows = round(x / 0.3), round(y / 0.3)
+    vertices = [[0.3 * i, 0.3 * j, z] for j in range(rows + 1) for i in range(columns + 1)]
+    corner = [j * (columns + 1) + i for j in range(rows) for i in range(columns)]
+    faces = [f for a in corner for f in ([a, a + 1, a + columns + 2], [a, a + columns + 2, a + columns + 1])]
+    return trimesh.Trimesh(vertices, np.array(faces)[:, ::-1] if down else faces, process=False)
+
+
+def part_of(mesh: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[np.random.default_rng(0).random(len(mesh.faces)) < share])
+
+
+def sloped(mesh: trimesh.Trimesh, rise: float) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices + mesh.vertices[:, :1] * [0, 0, rise / 6], mesh.faces)
+
+
+FLOOR, CEILING = sheet(6, 6, 0), sheet(6, 6, 2.5, down=True)
+
+
+@pytest.mark.parametrize(
+    ("meshes", "tolerance"),
+    [
+        pytest.param([FLOOR], 1e-6, id="no ceiling"),
+        pytest.param([part_of(FLOOR, 0.15), CEILING], 1e-6, id="more ceiling than floor"),
+        pytest.param([part_of(FLOOR, 0.15), sheet(4.2, 4.2, 0.75), CEILING], 1e-6, id="more table than floor"),
+        pytest.param([FLOOR, CEILING, sheet(2.4, 2.1, -1.2)], 1e-6, id="reflections below"),
+        pytest.param([FLOOR, CEILING, sheet(6, 6, -0.2, down=True)], 1e-6, id="underside of the slab"),
+        pytest.param([sheet(6, 6, 0, down=True), sheet(6, 6, 2.5)], 1e-6, id="inside out"),
+        pytest.param([sloped(sheet(6, 6, -0.1), 0.2), CEILING], 0.05, id="sloped by 20 cm"),
+    ],
+)
+def test_the_floor_is_found(tmp_path: Path, meshes: list[trimesh.Trimesh], tolerance: float) -> None:
+    walls = [trimesh.creation.box(bounds=[[x, 0, 0], [x + 0.1, 6, 2.5]]) for x in (0, 5.9)]
+    mesh = trimesh.util.concatenate([*meshes, *walls])
+    mesh.export(tmp_path / "scan.ply")
+    scene = import_scene(tmp_path / "scan.ply")
+    assert abs(mesh.bounds[0, 2] - scene.bounds[0, 2]) <= tolerance
+
+
+def test_a_face_may_not_borrow_from_another_mesh(tmp_path: Path) -> None:
+    """Two meshes in one file; the first points one vertex too far, where the second would have one."""
+    both = trimesh.Scene([room(), room()])
+    data = bytearray(trimesh.exchange.gltf.export_glb(both))
+    length = struct.unpack("<I", data[12:16])[0]
+    document = json.loads(data[20 : 20 + length])
+    index = document["accessors"][document["meshes"][0]["primitives"][0]["indices"]]
+    start = 28 + length + document["bufferViews"][index["bufferView"]]["byteOffset"]
+    assert index["componentType"] == 5125
+    data[start : start + 4] = struct.pack("<I", 8)
+    (tmp_path / "two.glb").write_bytes(data)
+    with pytest.raises(SceneError, match=r"two\.glb.* vertex that does not exist"):
+        import_scene(tmp_path / "two.glb")
+
+
+@pytest.mark.parametrize("document", [[], 1, {"accessors": [1]}, {"accessors": [{"count": float("inf")}]}])
+def test_json_of_another_shape_is_one_error(tmp_path: Path, document: object) -> None:
+    text = json.dumps(document).encode().ljust(64)
+    (tmp_path / "odd.glb").write_bytes(struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON") + text)
+    with pytest.raises(SceneError, match=r"odd\.glb"):
+        import_scene(tmp_path / "odd.glb")
+
+
+@pytest.mark.parametrize("semantic", [False, True])
+def test_exported_glb_keeps_the_rules_of_the_format(tmp_path: Path, semantic: bool) -> None:
+    """What the Khronos validator checks first: lengths, alignment, targets, stated bounds, indices in range."""
+    scene = generate_apartment(11)
+    data = scene.export_glb(tmp_path / "home.glb", semantic=semantic).read_bytes()
+    total, length = struct.unpack("<I", data[8:12])[0], struct.unpack("<I", data[12:16])[0]
+    assert total == len(data) and length % 4 == 0
+    document, blob = json.loads(data[20 : 20 + length]), data[28 + length :]
+    assert document["buffers"] == [{"byteLength": len(blob)}] and len(blob) % 4 == 0
+    end = 0
+    for view in document["bufferViews"]:
+        assert view["byteOffset"] % 4 == 0 and view["byteOffset"] >= end  # no overlap
+        end = view["byteOffset"] + view["byteLength"]
+    assert end <= len(blob)
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for mesh in document["meshes"]:
+        (primitive,) = mesh["primitives"]
+        assert ("TEXCOORD_0" in primitive["attributes"]) is not semantic
+        accessors = [document["accessors"][a] for a in primitive["attributes"].values()]
+        assert {document["bufferViews"][a["bufferView"]]["target"] for a in accessors} == {34962}
+        assert len({a["count"] for a in accessors}) == 1
+        indices = document["accessors"][primitive["indices"]]
+        view = document["bufferViews"][indices["bufferView"]]
+        used = np.frombuffer(blob, "<u4", indices["count"], view["byteOffset"])
+        assert view["target"] == 34963 and used.max() == accessors[0]["count"] - 1 and len(used) % 3 == 0
+        position = document["accessors"][primitive["attributes"]["POSITION"]]
+        offset = document["bufferViews"][position["bufferView"]]["byteOffset"]
+        points = np.frombuffer(blob, "<f4", 3 * position["count"], offset).reshape(-1, 3)
+        assert np.isfinite(points).all()
+        assert np.array_equal(points.min(axis=0), np.float32(position["min"]))
+        assert np.array_equal(points.max(axis=0), np.float32(position["max"]))
+        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    assert np.allclose(high - low, np.ptp(scene.bounds, axis=0)[[0, 2, 1]], atol=1e-5)  # y is up
+    assert len({node["name"] for node in document["nodes"]}) == len(document["nodes"])
+
+
 def test_a_page_needs_nothing_but_itself(tmp_path: Path) -> None:
     scene = generate_apartment(11)
     text = scene.page(tmp_path / "home.html").read_text()

@@ -6,6 +6,7 @@ It is drawn by three.js (MIT licence), which trimesh carries for its own viewer.
 import base64
 import io
 import json
+import re
 import zipfile
 from importlib.resources import files
 from pathlib import Path
@@ -20,6 +21,7 @@ from autonerf_lab.geometry import CAMERA_HEIGHT
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.storage import write_bytes
 
+MAX_SIDE = 8192  # texels that any browser draws
 _END_OF_LIBRARY = "var camera,controls,scene,renderer,tracklight;"  # where trimesh's own viewer begins
 
 
@@ -33,8 +35,10 @@ def write_page(scene: Scene, path: Path) -> Path:
     order = np.argsort(scene.face_instance, kind="stable")
     numbers, starts = np.unique(scene.face_instance[order], return_index=True)
     corners = scene.vertices[scene.faces[order].reshape(-1)][:, [0, 2, 1]] * np.array([1, 1, -1], np.float32)  # y up
-    picture = io.BytesIO()
-    Image.fromarray(scene.texture).save(picture, "JPEG", quality=85)
+    image, picture = Image.fromarray(scene.texture), io.BytesIO()
+    if max(image.size) > MAX_SIDE:
+        image = image.resize((min(image.width, MAX_SIDE), min(image.height, MAX_SIDE)), Image.Resampling.BOX)
+    image.save(picture, "JPEG", quality=85)
     facts = {
         "name": scene.name,
         "classes": [{"name": n, "color": c.tolist()} for n, c in zip(CLASS_NAMES, CLASS_COLORS, strict=True)],
@@ -50,8 +54,8 @@ def write_page(scene: Scene, path: Path) -> Path:
     data = {"CORNERS": corners, "UV": scene.uv[order].reshape(-1, 2)}
     filled |= {key: _base64(array.astype("<f4").tobytes()) for key, array in data.items()}
     filled["PICTURE"] = _base64(picture.getvalue())
-    for key, value in filled.items():
-        text = text.replace(f"/*{key}*/", value, 1)
+    # in one pass: what a name says is not a place to fill
+    text = re.sub(rf"/\*({'|'.join(filled)})\*/", lambda found: filled[found[1]], text)
     write_bytes(path, text.encode())
     return path
 
@@ -71,19 +75,38 @@ def _library() -> str:
 
 
 def _eye(scene: Scene) -> list[list[float]]:
-    """Where somebody could stand, and where they look, y up: the free floor cell farthest from walls and furniture."""
+    """Where somebody could stand, and where they look, y up: of free places that with the widest view."""
     from scipy import ndimage
 
     from autonerf_lab.scenes.columns import occupied_columns
 
     cell, origin = 0.1, scene.bounds[0, :2]
     cols, rows = np.maximum(np.ceil((scene.bounds[1, :2] - origin) / cell).astype(int), 1).tolist()
-    grid = (origin, cell, (rows, cols))
-    floor = occupied_columns(scene.vertices, scene.faces, -0.05, 0.05, *grid)
-    blocked = occupied_columns(scene.vertices, scene.faces, 0.1, CAMERA_HEIGHT + 0.2, *grid)
+
+    def between(low: float, high: float) -> np.ndarray:
+        return occupied_columns(scene.vertices, scene.faces, low, high, origin, cell, (rows, cols))
+
+    floor = between(-0.05, 0.05)
+    blocked = between(0.1, CAMERA_HEIGHT + 0.2)
     clear = ndimage.distance_transform_edt(np.pad(floor & ~blocked, 1))[1:-1, 1:-1]
-    row, col = np.unravel_index(int(np.argmax(clear)), clear.shape)
+    places = np.argwhere(clear >= min(4, clear.max()))[:, ::-1]  # column, row; 40 cm from what stands there
+    places = places[:: -(-len(places) // 200)]
+    opaque = between(CAMERA_HEIGHT - 0.3, CAMERA_HEIGHT + 0.2)
+    (col, row), ahead = _widest_view(places, opaque | ~floor & ~blocked)
     x, y = origin + (np.array([col, row]) + 0.5) * cell
-    middle = scene.bounds.mean(axis=0)[:2] - [x, y]
-    ahead = middle / max(float(np.linalg.norm(middle)), 1e-6)
     return [[float(x), CAMERA_HEIGHT, float(-y)], [float(x + ahead[0]), CAMERA_HEIGHT, float(-y - ahead[1])]]
+
+
+def _widest_view(places: np.ndarray, opaque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of places (P, 2), column and row, and directions (2,) the pair that sees farthest within 65 degrees."""
+    angle = np.deg2rad(np.arange(0, 360, 5))
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    steps = np.arange(1, 61)  # cells: 6 m are enough
+    seen = np.rint(places[:, None, None] + direction[:, None] * steps[:, None]).astype(int) + 1
+    padded = np.pad(opaque, 1, constant_values=True)
+    seen = np.clip(seen, 0, np.array(padded.shape)[::-1] - 1)
+    hit = padded[seen[..., 1], seen[..., 0]]
+    free = np.where(hit.any(axis=-1), hit.argmax(axis=-1), len(steps)).astype(float)
+    view = np.sum([np.roll(free, k, axis=1) for k in range(-6, 7)], axis=0)
+    place, heading = np.unravel_index(int(np.argmax(view)), view.shape)
+    return places[place], direction[heading]

@@ -23,8 +23,11 @@ MAX_BYTES = 256 * 2**20
 MAX_FACES = 5_000_000
 MAX_PIXELS = 8192
 MIN_SIDE, MAX_SIDE = 1.0, 200.0  # metres: a cupboard or a landscape is not a home, or not in metres
+MIN_FLOOR = 0.5  # square metres
+HEAD_ROOM = 1.2  # metres: what has less above it is a ceiling, or on top of furniture
 FORMATS = {".glb", ".obj", ".ply"}
 TEXTURE_WIDTH = 4096  # texels in a row of the atlas of a mesh without texture
+MAX_TEXELS = 2**28  # of the atlas: 800 MB
 MAX_TILES = 64  # repetitions of a picture across one face
 REPEATED_SIDE = 2048  # texels, longest side of a picture that is repeated
 
@@ -67,8 +70,6 @@ def import_scene(path: str | Path, up: str | None = None) -> Scene:
         vertices = vertices[:, [0, 2, 1]] * np.array([1.0, -1.0, 1.0])
     offset = np.cumsum([0] + [len(p["vertices"]) for p in parts])
     faces = np.concatenate([p["faces"] + o for p, o in zip(parts, offset, strict=False)])
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise SceneError(f"{path}: a face points to a vertex that does not exist")
     vertices = _settle(path, vertices, faces)
     uv, texture = _texture(path, parts)
     class_ids, numbers, names = _semantics(path, parts)
@@ -135,7 +136,16 @@ def _refuse_references(path: Path) -> None:
                         names.append(words[-1])
                         if words[0] == "mtllib" and _is_local(words[-1]):
                             pending.append(path.parent / words[-1])
-    except (OSError, ValueError, struct.error, KeyError, TypeError, RecursionError) as error:
+    except (
+        OSError,
+        ValueError,
+        struct.error,
+        LookupError,
+        TypeError,
+        AttributeError,
+        ArithmeticError,
+        RecursionError,
+    ) as error:
         raise SceneError(f"{path} is not a readable {kind[1:].upper()} file: {error}") from error
     for name in names:
         if kind == ".glb" or not _is_local(name):
@@ -181,6 +191,8 @@ def _load(path: Path) -> list[dict[str, Any]]:
             matrix = np.asarray(transform, dtype=np.float64)
             vertices = np.asarray(mesh.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
             faces = np.asarray(mesh.faces, dtype=np.int64)
+            if faces.min() < 0 or faces.max() >= len(vertices):
+                raise SceneError(f"a face of {str(name)[:60]!r} points to a vertex that does not exist")
             if np.linalg.det(matrix[:3, :3]) < 0:
                 faces = faces[:, ::-1]
             look = _look(mesh, faces, pictures)
@@ -203,6 +215,9 @@ def _pixels(picture: Any, known: dict[Any, np.ndarray]) -> np.ndarray:
     if id(picture) not in known:
         digest = hashlib.sha256(picture.tobytes()).digest()
         if digest not in known:
+            total = sum(array.size // 3 for key, array in known.items() if isinstance(key, bytes))
+            if total + picture.size[0] * picture.size[1] > MAX_TEXELS:
+                raise SceneError(f"more than {MAX_TEXELS / 1e6:.0f} megapixels of textures")
             known[digest] = np.asarray(picture.convert("RGB"))
         known[id(picture)] = known[digest]
     return known[id(picture)]
@@ -214,8 +229,10 @@ def _look(mesh: Any, faces: np.ndarray, pictures: dict[Any, np.ndarray]) -> dict
     uv = getattr(visual, "uv", None)
     material = getattr(visual, "material", None)
     picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    if uv is not None and picture is not None and len(uv) == len(mesh.vertices):
+    if uv is not None and picture is not None and np.shape(uv) == (len(mesh.vertices), 2):
         corner = np.asarray(uv, dtype=np.float64)[faces]
+        if not np.isfinite(corner).all():
+            raise SceneError("a texture coordinate is not a finite number")
         corner[..., 1] = 1 - corner[..., 1]  # trimesh puts v = 0 at the bottom row
         return {"picture": _pixels(picture, pictures), "uv": corner}
     if visual.kind == "vertex":
@@ -241,83 +258,124 @@ def _check_numbers(path: Path, vertices: np.ndarray, faces: int) -> None:
 
 
 def _settle(path: Path, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Floor to z = 0, middle to x = y = 0. The floor is the lowest height that holds much upward-facing area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    area = np.linalg.norm(normal, axis=1) / 2
-    flat = np.abs(normal[:, 2]) > 0.9 * 2 * np.maximum(area, 1e-12)  # either side: scans have turned faces
-    if area[flat].sum() < 0.5:
+    """Floor to z = 0, middle to x = y = 0.
+
+    The floor is the lowest height that holds much horizontal area, of what is no ceiling and no underside.
+    """
+    corners = vertices[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    area = np.linalg.norm(normal, axis=1)
+    flat = np.abs(normal[:, 2]) > 0.9 * np.maximum(area, 1e-12)
+    if area[flat].sum() < MIN_FLOOR:
         raise SceneError(f"{path} has no floor: no horizontal surface of half a square metre; is the up axis right?")
-    z = ((a + b + c) / 3)[flat, 2]
+    z = corners[..., 2].mean(axis=1)
+    top = _quantile(corners[..., 2].max(axis=1), area, 0.99)  # a few flakes above do not count
+    under = flat & (z < top - HEAD_ROOM)
+    flat = under if area[under].sum() >= MIN_FLOOR else flat
+    facing = flat & (normal[:, 2] > 0)
+    if area[facing].sum() > 0.25 * area[flat].sum():  # scans have turned faces, some are turned as a whole
+        flat = facing
+    z, area = z[flat], area[flat]
     low = z.min()
-    height = np.bincount(((z - low) / 0.05).astype(int), weights=area[flat])
-    level = int(np.argmax(height > 0.4 * height.max()))
-    near = np.abs(z - (low + 0.05 * (level + 0.5))) < 0.075
-    order = np.argsort(z[near])
-    weight = np.cumsum(area[flat][near][order])
-    floor = float(z[near][order][np.searchsorted(weight, weight[-1] / 2)])  # weighted median: rugs do not lift it
+    height = np.bincount(((z - low) / 0.02).astype(int), weights=area)
+    window = np.convolve(height, np.ones(7))[3 : 3 + len(height)]  # 14 cm: scanned floors are neither flat nor level
+    level = int(np.argmax(window > 0.25 * window.max()))
+    level += int(np.argmax(window[level : level + 7]))
+    near = np.abs(z - (low + 0.02 * (level + 0.5))) < 0.08
+    floor = _quantile(z[near], area[near], 0.5)  # the median: rugs do not lift it
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     return vertices - np.array([middle[0], middle[1], floor])
 
 
+def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, share * total[-1])])
+
+
 def _texture(path: Path, parts: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
     """One atlas: pictures stacked on each other, then a strip of 3 x 3 texel tiles for what has colours only."""
-    pictures: list[np.ndarray] = []
-    rows_of: dict[int, int] = {}
-    tiled: dict[tuple[int, int, int], np.ndarray] = {}
-    rows, width = 0, 3
+    most: dict[int, np.ndarray] = {}
     for part in parts:
         if "picture" in part:
-            part["picture"], part["uv"] = _repeated(part["picture"], part["uv"], tiled)
-        picture = part.get("picture")
-        if picture is not None:
-            width = max(width, picture.shape[1])
+            part["uv"], part["tiles"] = _tiles(part["uv"])
+            key = id(part["picture"])
+            most[key] = np.maximum(most.get(key, 1), part["tiles"].max(axis=0))
+    blocks: dict[tuple[int, bool], np.ndarray] = {}  # pictures as they are, and repeated
+    for part in parts:
+        if "picture" in part:
+            key, many = id(part["picture"]), part["tiles"].max(axis=1) > 1
+            if not many.all():
+                blocks[key, False] = part["picture"]
+            if many.any() and (key, True) not in blocks:
+                blocks[key, True] = _repeated(part["picture"], *most[key].tolist())
+    width = max([3, *(block.shape[1] for block in blocks.values())])
     if any("colour" in part for part in parts):
         width = max(width, TEXTURE_WIDTH)
-    result = []
+    row_of = dict(zip(blocks, np.cumsum([0, *(len(b) for b in blocks.values())]).tolist(), strict=False))
+    rows = sum(len(block) for block in blocks.values())
+    strips: list[np.ndarray] = []
+    texels = []
     for part in parts:
-        picture = part.get("picture")
-        if picture is not None:
-            key = id(picture)
-            if key not in rows_of:
-                rows_of[key] = rows
-                pictures.append(np.pad(picture, ((0, 0), (0, width - picture.shape[1]), (0, 0))))
-                rows += picture.shape[0]
-            texel = part["uv"] * [picture.shape[1], picture.shape[0]] + [0, rows_of[key]]
+        if "picture" in part:
+            key, many = id(part["picture"]), part["tiles"].max(axis=1) > 1
+            texel = np.empty_like(part["uv"])
+            for chosen, repeats in ((~many, np.ones(2)), (many, most[key])):
+                if chosen.any():
+                    block = blocks[key, bool(many[chosen][0])]
+                    size = np.array([block.shape[1], len(block)]) / repeats
+                    texel[chosen] = part["uv"][chosen] * size + [0, row_of[key, bool(many[chosen][0])]]
         else:
-            colour = part["colour"].astype(np.float64)
-            per_row = width // 3
-            k = np.arange(len(colour))
-            strip = np.zeros((-(-len(colour) // per_row) * 3, width, 3), dtype=np.uint8)
-            # corners at the middle of texels (0, 0), (2, 0), (0, 2): texel (i, j) is their affine mixture
-            for i in range(3):
-                for j in range(3):
-                    mixed = colour[:, 0] * (1 - i / 2 - j / 2) + colour[:, 1] * i / 2 + colour[:, 2] * j / 2
-                    strip[k // per_row * 3 + j, k % per_row * 3 + i] = np.clip(mixed + 0.5, 0, 255)
-            base = np.stack([k % per_row * 3, k // per_row * 3 + rows], axis=1)[:, None, :]
-            texel = base + np.array([[0.5, 0.5], [2.5, 0.5], [0.5, 2.5]])
-            pictures.append(strip)
+            strip, texel = _strip(part["colour"].astype(np.float64), width)
+            texel[..., 1] += rows
+            strips.append(strip)
             rows += len(strip)
-        result.append(texel)
-    uv = np.concatenate(result) / np.array([width, rows], dtype=np.float64)
-    return uv.astype(np.float32), np.concatenate(pictures)
+        texels.append(texel)
+    if rows * width > MAX_TEXELS:
+        raise SceneError(
+            f"{path}: its pictures make {rows * width / 1e6:.0f} megapixels; the limit is {MAX_TEXELS / 1e6:.0f}"
+        )
+    atlas = np.zeros((rows, width, 3), dtype=np.uint8)
+    row = 0
+    for block in [*blocks.values(), *strips]:
+        atlas[row : row + len(block), : block.shape[1]] = block
+        row += len(block)
+    return (np.concatenate(texels) / np.array([width, rows], dtype=np.float64)).astype(np.float32), atlas
 
 
-def _repeated(
-    picture: np.ndarray, uv: np.ndarray, known: dict[tuple[int, int, int], np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The picture as often as the longest face repeats it, and uv in [0, 1] of that; sharper ones are shrunk to fit."""
-    start = uv - np.floor(uv.min(axis=1, keepdims=True) + 1e-6)
-    across, down = (int(np.clip(np.ceil(v - 1e-6), 1, MAX_TILES)) for v in start.max(axis=(0, 1)))
-    key = (id(picture), across, down)
-    if key not in known:
-        from PIL import Image
+def _strip(colour: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Texels for faces with a colour at each corner (F, 3, 3), and where in them the corners are, (F, 3, 2)."""
+    per_row = width // 3
+    k = np.arange(len(colour))
+    strip = np.zeros((-(-len(colour) // per_row) * 3, width, 3), dtype=np.uint8)
+    # corners at the middle of texels (0, 0), (2, 0), (0, 2): texel (i, j) is their affine mixture
+    for i in range(3):
+        for j in range(3):
+            mixed = colour[:, 0] * (1 - i / 2 - j / 2) + colour[:, 1] * i / 2 + colour[:, 2] * j / 2
+            strip[k // per_row * 3 + j, k % per_row * 3 + i] = np.clip(mixed + 0.5, 0, 255)
+    base = np.stack([k % per_row * 3, k // per_row * 3], axis=1)[:, None, :]
+    return strip, base + np.array([[0.5, 0.5], [2.5, 0.5], [0.5, 2.5]])
 
-        height, width = picture.shape[:2]
-        shrink = min(1.0, REPEATED_SIDE / (width * across), REPEATED_SIDE / (height * down))
-        once = picture
-        if (across > 1 or down > 1) and shrink < 1:
-            size = max(1, round(width * shrink)), max(1, round(height * shrink))
-            once = np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BOX))
-        known[key] = np.tile(once, (down, across, 1)) if across * down > 1 else picture
-    return known[key], np.clip(start / [across, down], 0, 1)
+
+def _tiles(uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates (F, 3, 2) from the tile each face begins in, and how many tiles it reaches across, (F, 2).
+
+    A face with more than MAX_TILES gets MAX_TILES larger ones.
+    """
+    inner = uv - np.floor(uv.min(axis=1, keepdims=True) + 1e-6)
+    reach = inner.max(axis=1)
+    inner = inner * (MAX_TILES / np.maximum(reach, MAX_TILES))[:, None]
+    tiles = np.clip(np.ceil(reach - 1e-6), 1, MAX_TILES).astype(int)
+    return np.clip(inner, 0, tiles[:, None]), tiles
+
+
+def _repeated(picture: np.ndarray, across: int, down: int) -> np.ndarray:
+    """The picture side by side; shrunk where the result would be longer than REPEATED_SIDE."""
+    from PIL import Image
+
+    height, width = picture.shape[:2]
+    shrink = min(1.0, REPEATED_SIDE / (width * across), REPEATED_SIDE / (height * down))
+    if shrink < 1:
+        size = max(1, round(width * shrink)), max(1, round(height * shrink))
+        picture = np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BOX))
+    return np.tile(picture, (down, across, 1))
