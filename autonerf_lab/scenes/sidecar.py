@@ -94,6 +94,8 @@ def read_sidecar(path: Path) -> Sidecar:
             raise SceneError(f"{path}: faces[{key!r}] is not a list of whole numbers from 0 to {limit - 1}")
         arrays.append(np.array(values, dtype=np.int64))
     labels = faces.get("names", {})
-    if not isinstance(labels, dict) or not all(k.isdecimal() and isinstance(v, str) for k, v in labels.items()):
+    if not isinstance(labels, dict) or not all(
+        k.isdecimal() and len(k) < 11 and isinstance(v, str) for k, v in labels.items()
+    ):
         raise SceneError(f"{path}: faces['names'] does not give texts by instance")
     return Sidecar(found, (arrays[0], arrays[1]), {int(k): v for k, v in labels.items()})
