@@ -8,7 +8,9 @@
 * Grid: arrays are indexed [row, column] = [y, x]; ``origin`` is the world x, y of the outer corner of cell [0, 0].
 """
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -18,9 +20,19 @@ FORWARD_STEP = 0.25
 TURN_ANGLE = float(np.radians(30))
 
 
+_BAND = 1 << 17  # pixels undistorted at a time: the temporaries stay small
+_WIDEST = 1e6  # tangent of the widest angle off the axis that a lens can have
+
+
 @dataclass(frozen=True)
 class Intrinsics:
-    """A pinhole camera.
+    """A pinhole camera, and the distortion of its lens in OpenCV's model (all zeros: none).
+
+    A point at x to the right and y down, both divided by its depth, is seen at fl_x x' + cx, fl_y y' + cy, where
+    r^2 = x^2 + y^2 and::
+
+        x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
+        y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p2 x y + p1 (r^2 + 2 y^2)
 
     Example:
         >>> Intrinsics.from_fov(128, 128, hfov_deg=90).fl_x
@@ -33,6 +45,11 @@ class Intrinsics:
     fl_y: float
     cx: float
     cy: float
+    k1: float = 0.0  # radial distortion
+    k2: float = 0.0
+    k3: float = 0.0
+    p1: float = 0.0  # tangential distortion
+    p2: float = 0.0
 
     @classmethod
     def from_fov(cls, width: int, height: int, hfov_deg: float = 90.0) -> "Intrinsics":
@@ -41,15 +58,163 @@ class Intrinsics:
         focal = round(width / 2 / float(np.tan(np.radians(hfov_deg) / 2)), 9)
         return cls(width, height, focal, focal, width / 2, height / 2)
 
+    @property
+    def lens(self) -> tuple[float, float, float, float, float]:
+        """The distortion: k1, k2, k3, p1, p2."""
+        return self.k1, self.k2, self.k3, self.p1, self.p2
+
     def resized(self, width: int, height: int) -> "Intrinsics":
-        """The same camera with another number of pixels."""
+        """The same camera with another number of pixels; the distortion does not depend on it."""
         sx, sy = width / self.width, height / self.height
-        return Intrinsics(width, height, self.fl_x * sx, self.fl_y * sy, self.cx * sx, self.cy * sy)
+        focal = {"fl_x": self.fl_x * sx, "fl_y": self.fl_y * sy}
+        return replace(self, width=width, height=height, **focal, cx=self.cx * sx, cy=self.cy * sy)
 
     def directions(self) -> np.ndarray:
-        """(H, W, 3) float64 camera-frame directions through the pixel centres, scaled to depth 1 (z = -1)."""
+        """(H, W, 3) float64 camera-frame directions through the pixel centres, scaled to depth 1 (z = -1).
+
+        :meth:`project` brings them back to the pixel centres. In the corners of a strong wide angle the lens model may
+        fold back, so that no direction is seen there; such a pixel gets the direction at the fold, and a UserWarning
+        says how many there are.
+
+        Example:
+            >>> camera = Intrinsics(2, 2, 1.0, 1.0, 1.0, 1.0, k1=0.1)
+            >>> camera.project(camera.directions().reshape(-1, 3)).round(6).tolist()
+            [[0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [1.5, 1.5]]
+        """
         u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
-        return np.stack([(u - self.cx) / self.fl_x, -(v - self.cy) / self.fl_y, -np.ones_like(u)], axis=-1)
+        x, y = (u - self.cx) / self.fl_x, (v - self.cy) / self.fl_y
+        if any(self.lens):
+            flat = np.stack([x.ravel(), y.ravel()])
+            tolerance = 1e-8 / max(self.fl_x, self.fl_y)  # of a pixel
+            folded = sum(
+                _undistort(flat[:, start : start + _BAND], self.lens, tolerance)
+                for start in range(0, flat.shape[1], _BAND)
+            )
+            if folded:
+                warnings.warn(
+                    f"the lens model folds back in {folded} of {flat.shape[1]} pixels, which get the direction at the "
+                    "fold; crop the images, or undistort them",
+                    stacklevel=2,
+                )
+            x, y = flat.reshape(2, *x.shape)
+        return np.stack([x, -y, -np.ones_like(u)], axis=-1)
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Pixels in which camera-frame points are seen.
+
+        Args:
+            points: (N, 3), camera frame, any unit.
+
+        Returns:
+            (N, 2) float64 u, v in pixels, which may lie outside the image. NaN for points that are not in front of the
+            camera, and beyond the fold of the lens model (see :meth:`directions`).
+
+        Example:
+            >>> Intrinsics.from_fov(128, 128).project(np.array([[1.0, 0.5, -2.0], [0.0, 0.0, 1.0]]))
+            array([[96., 48.],
+                   [nan, nan]])
+        """
+        points = np.asarray(points, np.float64)
+        depth = np.where(points[:, 2] < 0, -points[:, 2], np.nan)
+        x, y = points[:, 0] / depth, -points[:, 1] / depth
+        if any(self.lens):
+            flat = np.stack([x, y])
+            seen = np.hypot(x, y) <= _fold_radius(flat, self.lens) * (1 + 1e-9)
+            x, y = np.where(seen, _distort(flat, self.lens)[:2], np.nan)
+        return np.stack([self.fl_x * x + self.cx, self.fl_y * y + self.cy], axis=-1)
+
+
+def _distort(points: np.ndarray, lens: tuple[float, ...]) -> np.ndarray:
+    """(2, N) x, y -> (5, N): x', y' of OpenCV's model, and its derivatives dx'/dx, dx'/dy = dy'/dx, dy'/dy."""
+    x, y = points
+    k1, k2, k3, p1, p2 = lens
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y),
+            radial + slope * x * x + 2 * p1 * y + 6 * p2 * x,
+            slope * x * y + 2 * p1 * x + 2 * p2 * y,
+            radial + slope * y * y + 2 * p2 * x + 6 * p1 * y,
+        ]
+    )
+
+
+@lru_cache(maxsize=256)
+def _folds(lens: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Angles, and the radius at each of them from which on the lens model is not invertible.
+
+    It folds where the determinant of its derivatives reaches zero. At radius t in the direction (cos, sin) of an angle,
+    with a = p1 sin + p2 cos and b = p1 cos - p2 sin, that determinant is the polynomial
+    (1 + 6 a t + 3 k1 t^2 + 5 k2 t^4 + 7 k3 t^6) (1 + 2 a t + k1 t^2 + k2 t^4 + k3 t^6) - 4 b^2 t^2.
+    """
+    k1, k2, k3, p1, p2 = lens
+    angles = np.linspace(-np.pi, np.pi, 128 if p1 or p2 else 1, endpoint=False)
+    radii = np.full(len(angles), _WIDEST)
+    for i, angle in enumerate(angles):
+        a, b = p1 * np.sin(angle) + p2 * np.cos(angle), p1 * np.cos(angle) - p2 * np.sin(angle)
+        determinant = np.polynomial.polynomial.polymul(
+            [1, 6 * a, 3 * k1, 0, 5 * k2, 0, 7 * k3], [1, 2 * a, k1, 0, k2, 0, k3]
+        )
+        determinant[2] -= 4 * b * b
+        # Read from the other end it is a polynomial in 1 / t that begins with 1: no coefficient can be too small.
+        inverse = np.roots(determinant)
+        real = inverse.real[(abs(inverse.imag) <= 1e-7 * abs(inverse)) & (inverse.real > 1 / _WIDEST)]
+        if real.size:
+            radii[i] = 1 / real.max()
+    return angles, radii
+
+
+def _fold_radius(points: np.ndarray, lens: tuple[float, ...]) -> np.ndarray | float:
+    """The radius of the fold in the direction of each of the (2, N) points."""
+    angles, radii = _folds(lens)
+    if len(radii) == 1:
+        return float(radii[0])
+    return np.interp(np.arctan2(points[1], points[0]), angles, radii, period=2 * np.pi)
+
+
+def _undistort(points: np.ndarray, lens: tuple[float, ...], tolerance: float) -> int:
+    """Replace (2, N) distorted x', y' by the x, y that the lens brings there; the number that had to be clamped.
+
+    Newton's method. A step that leaves the region where the lens is invertible, or that brings no improvement, is
+    halved: where the derivatives are regular some shorter step always improves, so only pixels beyond the fold stall.
+    """
+    nearest = _folds(lens)[1].min()
+    with np.errstate(all="ignore"):
+        edge = _fold_radius(points, lens)
+        target = points.copy()
+        points *= np.minimum(1, 0.5 * edge / np.maximum(np.hypot(*points), 1e-300))
+        todo = np.arange(points.shape[1])
+        at, value, step = points.copy(), _distort(points, lens), np.ones(points.shape[1])
+        for _ in range(200):
+            error = value[:2] - target[:, todo]
+            size = np.hypot(*error)
+            points[:, todo] = at
+            going = (size > tolerance) & (step > 1e-9)
+            if not going.all():
+                todo, at, value, step = todo[going], at[:, going], value[:, going], step[going]
+                error, size = error[:, going], size[going]
+            if not todo.size:
+                break
+            xx, xy, yy = value[2:]
+            move = np.stack([yy * error[0] - xy * error[1], xx * error[1] - xy * error[0]]) / (xx * yy - xy * xy)
+            trial = at - step * move
+            there = _distort(trial, lens)
+            radius = np.hypot(*trial)
+            better = np.hypot(*(there[:2] - target[:, todo])) < size
+            if not (radius <= nearest).all():
+                better &= radius <= _fold_radius(trial, lens)
+            at, value = np.where(better, trial, at), np.where(better, there, value)
+            step = np.where(better, np.minimum(1, 2 * step), step / 2)
+        miss = _distort(points, lens)[:2] - target
+        folded = ~(np.hypot(*miss) <= tolerance)
+        if folded.any():
+            angle = np.arctan2(target[1, folded], target[0, folded])
+            clamped = np.broadcast_to(edge, folded.shape)[folded]
+            points[:, folded] = clamped * np.cos(angle), clamped * np.sin(angle)
+    return int(folded.sum())
 
 
 def camera_rays(intrinsics: Intrinsics, c2w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
