@@ -8,8 +8,6 @@ word for lives under the key ``autonerf_lab``. ``transforms.json`` is written la
 import io
 import os
 import struct
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,16 +16,14 @@ import numpy as np
 from PIL import Image
 
 from autonerf_lab import storage
-from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.pictures import one_channel, parallel, to_classes, to_metres
+from autonerf_lab.transforms import FORMAT_VERSION, number, read_frames, read_meta, read_path, side
 
-FORMAT_VERSION = 1
 MAX_BYTES = 2 << 30  # of decoded images
 _FOLDERS = {"file_path": "images", "depth_file_path": "depth", "semantics_file_path": "semantics"}
-_MAX_SIDE = 16384
 _MAX_DEPTH_MM = 65535
-_THREADS = 2
 
 
 @dataclass(frozen=True)
@@ -84,14 +80,14 @@ def save(trajectory: Trajectory, folder: str | Path) -> None:
             (folder / _FOLDERS[key]).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f"cannot write {folder}: {error.strerror or error}; choose another folder") from error
-    _parallel(lambda t: _write_frame(folder, layers, t), len(trajectory))
+    parallel(lambda t: _write_frame(folder, layers, t), len(trajectory))
     k = trajectory.intrinsics
     storage.write_json(
         folder / "transforms.json",
         {
             "camera_model": "OPENCV",
             **{"w": k.width, "h": k.height, "fl_x": k.fl_x, "fl_y": k.fl_y, "cx": k.cx, "cy": k.cy},
-            **{"k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0},
+            **{"k1": k.k1, "k2": k.k2, "k3": k.k3, "p1": k.p1, "p2": k.p2},
             "autonerf_lab": {"version": FORMAT_VERSION, **trajectory.meta},
             "frames": [
                 {**{key: _frame_path(key, t) for key in layers}, "transform_matrix": pose.tolist()}
@@ -123,12 +119,8 @@ and was it finished?
         raise DataError(f"{path} does not exist; is this a trajectory folder, and was it finished?")
     content = storage.read_json(path)
     intrinsics = _read_intrinsics(content, path)
-    meta = _read_meta(content, path)
-    frames = content.get("frames")
-    if not isinstance(frames, list) or not frames:
-        raise DataError(f"{path}: 'frames' must be a list of at least one frame")
-    if not all(isinstance(frame, dict) for frame in frames):
-        raise DataError(f"{path}: every frame must be a JSON object")
+    meta = read_meta(content, path)
+    frames = read_frames(content, path)
     poses = np.stack([_read_pose(frame.get("transform_matrix"), t, path) for t, frame in enumerate(frames)])
     shape = (intrinsics.height, intrinsics.width)
     size = len(frames) * shape[0] * shape[1] * 8
@@ -149,7 +141,7 @@ and was it finished?
         for key, (files, array) in layers.items():
             array[t] = _read_image(files[t], key, shape)
 
-    _parallel(read, len(frames))
+    parallel(read, len(frames))
     depth, semantics = (layers[key][1] if key in layers else None for key in ("depth_file_path", "semantics_file_path"))
     return Trajectory(poses, layers["file_path"][1], depth, semantics, intrinsics, meta)
 
@@ -168,13 +160,6 @@ def _check_arrays(trajectory: Trajectory) -> None:
         raise DataError("a trajectory without frames cannot be saved")
 
 
-def _parallel(work: Callable[[int], None], count: int) -> None:
-    """PNG coding lets go of the interpreter's lock, so that two threads use two cores."""
-    with ThreadPoolExecutor(_THREADS) as pool:
-        for _ in pool.map(work, range(count), chunksize=16):
-            pass
-
-
 def _frame_path(key: str, t: int) -> str:
     return f"{_FOLDERS[key]}/frame_{t:05d}.png"
 
@@ -190,41 +175,22 @@ def _write_frame(folder: Path, layers: dict[str, np.ndarray], t: int) -> None:
             raise DataError(f"cannot write {path}: {error.strerror or error}; free some space") from error
 
 
-def _number(value: object, name: str, path: Path) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
-        raise DataError(f"{path}: {name!r} must be a finite number, not {str(value)[:40]!r}")
-    return float(value)
-
-
 def _read_intrinsics(content: dict, path: Path) -> Intrinsics:
-    values = {name: _number(content.get(name), name, path) for name in ("w", "h", "fl_x", "fl_y", "cx", "cy")}
-    for name in ("w", "h"):
-        if values[name] != int(values[name]) or not 1 <= values[name] <= _MAX_SIDE:
-            raise DataError(f"{path}: {name!r} must be a whole number between 1 and {_MAX_SIDE}")
-    if min(values["fl_x"], values["fl_y"]) <= 0:
+    width, height = (side(content.get(name), name, path) for name in ("w", "h"))
+    fl_x, fl_y, cx, cy = (number(content.get(name), name, path) for name in ("fl_x", "fl_y", "cx", "cy"))
+    if min(fl_x, fl_y) <= 0:
         raise DataError(f"{path}: the focal lengths 'fl_x' and 'fl_y' must be positive")
     for name in ("k1", "k2", "k3", "k4", "p1", "p2"):
-        if name in content and _number(content[name], name, path) != 0:
-            raise DataError(f"{path}: lens distortion ({name!r}) is not supported; undistort the images first")
-    return Intrinsics(int(values["w"]), int(values["h"]), values["fl_x"], values["fl_y"], values["cx"], values["cy"])
-
-
-def _read_meta(content: dict, path: Path) -> dict[str, Any]:
-    meta = content.get("autonerf_lab", {"version": FORMAT_VERSION})
-    if not isinstance(meta, dict):
-        raise DataError(f"{path}: 'autonerf_lab' must be a JSON object")
-    if meta.get("version") != FORMAT_VERSION:
-        raise DataError(
-            f"{path}: format version {str(meta.get('version'))[:40]!r}; this release reads version {FORMAT_VERSION}"
-        )
-    return {key: value for key, value in meta.items() if key != "version"}
+        if name in content and number(content[name], name, path) != 0:
+            raise DataError(f"{path}: a walk has no lens distortion ({name!r}); read photographs with load_dataset")
+    return Intrinsics(width, height, fl_x, fl_y, cx, cy)
 
 
 def _read_pose(matrix: object, t: int, path: Path) -> np.ndarray:
     name = f"frame {t}: 'transform_matrix'"
     if not isinstance(matrix, list) or [len(row) if isinstance(row, list) else 0 for row in matrix] != [4] * 4:
         raise DataError(f"{path}: {name} must be 4 rows of 4 numbers")
-    pose = np.array([[_number(value, name, path) for value in row] for row in matrix])
+    pose = np.array([[number(value, name, path) for value in row] for row in matrix])
     rigid = np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-4) and np.linalg.det(pose[:3, :3]) > 0
     if not rigid or not np.allclose(pose[3], (0, 0, 0, 1)):
         raise DataError(f"{path}: {name} is not a rigid camera-to-world pose")
@@ -235,14 +201,10 @@ def _read_paths(frames: list[dict], key: str, folder: Path, path: Path) -> list[
     names = [frame.get(key) for frame in frames]
     if key != "file_path" and all(name is None for name in names):
         return []
-    for t, name in enumerate(names):
-        if not isinstance(name, str) or not name or "\0" in name:
-            raise DataError(f"{path}: frame {t}: {key!r} must be a path")
-        if Path(name).is_absolute() or ".." in Path(name).parts:
-            raise DataError(f"{path}: frame {t}: {key!r} leaves the folder: {name[:80]!r}")
-    if len(set(names)) != len(names):
+    files = [read_path(name, key, f"{path}: frame {t}") for t, name in enumerate(names)]
+    if len(set(files)) != len(files):
         raise DataError(f"{path}: two frames share one {key!r}")
-    return [folder / str(name) for name in names]
+    return [folder / file for file in files]
 
 
 def _check_png(file: Path, shape: tuple[int, int]) -> bytes:
@@ -272,10 +234,5 @@ def _read_image(file: Path, key: str, shape: tuple[int, int]) -> np.ndarray:
     # Pillow raises whatever its decoder met: ValueError, SyntaxError, struct.error, zlib.error, OSError, ...
     except Exception as error:
         raise DataError(f"{file} is damaged: {error}") from error
-    if array.ndim != 2 or array.dtype.kind not in "ui":
-        raise DataError(f"{file} must hold one channel of integers")
-    if key == "depth_file_path":
-        return array.astype(np.float32) / np.float32(1000)
-    if array.max() >= NUM_CLASSES:
-        raise DataError(f"{file} holds the class {array.max()}; classes are 0 to {NUM_CLASSES - 1}")
-    return array
+    one_channel(array, file)
+    return to_metres(array) if key == "depth_file_path" else to_classes(array, file)
