@@ -235,6 +235,9 @@ def test_images_that_do_not_fit_are_shrunk_together(tmp_path):
     assert third.images[0].shape == (3, 4, 3)  # the last row is the mean of two
     assert np.abs(third.images[0][2, 0] - whole.images[0][6:, :3].mean(axis=(0, 1))).max() <= 0.5
     assert third.cameras[0].fl_y == pytest.approx(11 / 3) and third.cameras[0].height == 3
+    with pytest.warns(UserWarning, match="shrunk 8 times"):
+        eighth = load_dataset(tmp_path / "photos", max_bytes=20)
+    assert eighth.images[0].shape == (1, 2, 3) and (eighth.cameras[0].width, eighth.cameras[0].height) == (2, 1)
     with pytest.raises(DataError, match="max_bytes=5"):
         load_dataset(tmp_path / "photos", max_bytes=5)
     save(walk, tmp_path / "walk")
