@@ -194,11 +194,11 @@ class View:
         from autonerf_lab import pipeline
         from autonerf_lab.viz.viewer import nerf_viewer
 
-        with nerf_viewer(pipeline.finished_field(self.folder), self.port) as viewer:
+        field = pipeline.finished_field(self.folder)
+        with contextlib.suppress(KeyboardInterrupt), nerf_viewer(field, self.port) as viewer:
             print(f"{viewer.url} shows the field until Ctrl-C", flush=True)
-            with contextlib.suppress(KeyboardInterrupt):
-                while True:
-                    time.sleep(3600)
+            while True:
+                time.sleep(3600)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 Render = Callable[[np.ndarray, Intrinsics], Any]  # camera-to-world and camera -> a picture, as ``NeRF.render`` does
 
 SECONDS = (0.1, 0.5, 2.0)  # that a picture may take: while the camera moves, when it has stopped, and when it stays
-FRUSTUMS = 60
+FRUSTUMS = 40
 POINTS = 30_000
 _LOOPBACK = "127.0.0.1"
 _GL_TO_CV = np.diag([1.0, -1.0, -1.0])  # cameras of viser look along +z, y down
@@ -105,8 +105,9 @@ class Viewer:
                 f"/cameras/{k}",
                 fov,
                 self.intrinsics.width / self.intrinsics.height,
-                scale=0.08,
-                thickness=0.004,
+                scale=0.06,
+                thickness=1.5,
+                thickness_units="screen",
                 color=(213, 94, 0),
                 wxyz=Rotation.from_matrix(pose[:3, :3] @ _GL_TO_CV).as_quat()[[3, 0, 1, 2]],
                 position=pose[:3, 3],
@@ -162,11 +163,11 @@ class Viewer:
         camera = client.camera
         if not camera.image_height or not camera.image_width:
             return  # a window that is folded away
-        intrinsics = _intrinsics(camera, self._rays[level])
+        rays = min(self._rays[level], camera.image_width * camera.image_height)
+        intrinsics = _intrinsics(camera, rays)
         image = render(_pose(camera), intrinsics)
         spent = time.perf_counter() - started
-        self._rays[level] *= float(np.clip(SECONDS[level] / spent, 0.5, 2))
-        self._rays[level] = min(self._rays[level], camera.image_width * camera.image_height)
+        self._rays[level] = rays * float(np.clip(SECONDS[level] / spent, 0.5, 2))
         depth = np.nan_to_num(np.asarray(image.depth, np.float32))
         self._picture = paint(image, layer)
         client.scene.set_background_image(self._picture, format="jpeg", jpeg_quality=90, depth=depth)
