@@ -1,5 +1,6 @@
 """The command line. Every stage reads and writes one run folder; ``autonerf-lab demo`` runs them all."""
 
+import contextlib
 import io
 import os
 import sys
@@ -141,6 +142,66 @@ class Report:
 
 
 @dataclass(frozen=True)
+class PointCloud:
+    """Write the field of a run folder as coloured points with classes, for other programs: PLY."""
+
+    folder: Run
+    out: Annotated[Path, arg(help="The .ply file.")]
+
+    def run(self) -> None:
+        """Render the depth of training cameras, and write."""
+        from autonerf_lab import pipeline
+        from autonerf_lab.viz.point_cloud import point_cloud
+
+        print(point_cloud(pipeline.finished_field(self.folder)).save(self.out))
+
+
+@dataclass(frozen=True)
+class Video:
+    """Film the field of a run folder along the robot's way."""
+
+    folder: Run
+    out: Annotated[Path, arg(help="The .mp4 or .gif file.")]
+    what: Annotated[str, arg(help="rgb, depth, semantics, opacity, or all: the first three side by side.")] = "rgb"
+    seconds: Annotated[float, arg(help="How long the film plays.")] = 10.0
+    height: Annotated[int | None, arg(help="Pixels; those of a training camera without.")] = None
+
+    def run(self) -> None:
+        """Render frame by frame, and write."""
+        from autonerf_lab import pipeline
+        from autonerf_lab.viz.paths import walk_path
+        from autonerf_lab.viz.video import save_video
+
+        field, camera = pipeline.finished_field(self.folder), None
+        if self.height is not None:
+            width = max(1, round(self.height * field.intrinsics.width / field.intrinsics.height))
+            camera = field.intrinsics.resized(width, self.height)
+        path = walk_path(field, round(24 * self.seconds))
+        print(save_video(field, path, self.out, 24, self.what, camera))
+
+
+@dataclass(frozen=True)
+class View:
+    """Fly through the field of a run folder in a browser on this machine. Ctrl-C ends it."""
+
+    folder: Run
+    port: Annotated[int, arg(help="Of the page; 0 takes a free one.")] = 0
+
+    def run(self) -> None:
+        """Serve the page until somebody says stop."""
+        import time
+
+        from autonerf_lab import pipeline
+        from autonerf_lab.viz.viewer import nerf_viewer
+
+        field = pipeline.finished_field(self.folder)
+        with contextlib.suppress(KeyboardInterrupt), nerf_viewer(field, self.port) as viewer:
+            print(f"{viewer.url} shows the field until Ctrl-C", flush=True)
+            while True:
+                time.sleep(3600)
+
+
+@dataclass(frozen=True)
 class ScenesList:
     """The scenes of the library."""
 
@@ -253,6 +314,9 @@ class CommandLine:
         | Annotated[Evaluate, subcommand("evaluate")]
         | Annotated[Mesh, subcommand("mesh")]
         | Annotated[Report, subcommand("report")]
+        | Annotated[PointCloud, subcommand("point-cloud")]
+        | Annotated[Video, subcommand("video")]
+        | Annotated[View, subcommand("view")]
     )
     debug: Annotated[bool, arg(help="Show where an error came from.")] = False
 

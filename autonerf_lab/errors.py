@@ -37,3 +37,7 @@ class TrainingError(AutoNerfError, RuntimeError):
 
 class RunFolderError(AutoNerfError, RuntimeError):
     """A run folder that holds something else than the command asked for."""
+
+
+class MissingPackageError(AutoNerfError, ImportError):
+    """A package of an extra that is not installed."""

@@ -206,6 +206,18 @@ def peak_gb() -> float | None:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
 
 
+def finished_field(out: str | Path) -> "NeRF":
+    """The field of a run that has one.
+
+    Raises:
+        RunFolderError: the folder holds no run, or none that was fitted.
+        DataError: a file is missing or damaged.
+    """
+    run = load_run(out)
+    run.require("fit")
+    return Workspace(run).nerf
+
+
 def summary(out: str | Path) -> str:
     """The scores of a run as a table, beside the paper's and the yardsticks."""
     from autonerf_lab.evaluators import Scores

@@ -84,7 +84,9 @@ def test_every_dependency_has_a_tested_version():
 
 
 def test_extras():
-    assert {"notebooks", "gl", "open3d", "cluster", "dev", "all"} <= set(PYPROJECT["project"]["optional-dependencies"])
+    assert {"notebooks", "gl", "open3d", "viewer", "cluster", "dev", "all"} <= set(
+        PYPROJECT["project"]["optional-dependencies"]
+    )
 
 
 def test_continuous_integration_is_make_test():

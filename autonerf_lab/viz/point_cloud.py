@@ -1,0 +1,110 @@
+"""A field as coloured points, for programs that know no fields."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from autonerf_lab import storage
+from autonerf_lab.errors import DataError
+from autonerf_lab.geometry import Intrinsics, camera_rays
+from autonerf_lab.viz.paint import paint
+
+if TYPE_CHECKING:
+    from autonerf_lab.evaluators.field import Field
+
+VIEW_RAYS = 2048  # in one training camera: fewer would see more of them, but rendering pays for each picture
+MIN_OPACITY = 0.5
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Points with colours and classes."""
+
+    points: np.ndarray  # (N, 3) float32, metres, world frame
+    colors: np.ndarray  # (N, 3) uint8
+    classes: np.ndarray  # (N,) uint8, index into CLASS_NAMES
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def save(self, path: str | Path) -> Path:
+        """Write a binary PLY: x, y, z, red, green, blue, alpha (always 255) and ``label``, the class.
+
+        Raises:
+            DataError: another ending, no points, or a file that cannot be written.
+        """
+        from trimesh import PointCloud as Points
+        from trimesh.exchange.ply import export_ply
+
+        path = Path(path)
+        if path.suffix.lower() != ".ply":
+            raise DataError(f"{path}: a point cloud is written as .ply")
+        if not len(self):
+            raise DataError(f"{path}: there are no points, the field holds nothing that its training cameras see")
+        points: Any = Points(self.points, colors=self.colors)
+        points.vertex_attributes = {"label": self.classes}  # what the writer takes along from any geometry
+        storage.write_bytes(path, export_ply(points))
+        return path
+
+
+def point_cloud(field: "Field", count: int = 200_000, seed: int = 0) -> PointCloud:
+    """Points where rays of the training cameras end.
+
+    The pixels are drawn at random, but as lattices: every s-th row and column of a camera from a random first one is
+    again the picture of a camera, which a field can render, and each pixel is as likely as any other.
+
+    Args:
+        field: a trained NeRF.
+        count: how many points at most. Rays that collect less than half of the light end nowhere, and leave none.
+        seed: of the choice.
+
+    Example:
+        >>> from autonerf_lab.evaluators import Image
+        >>> class Wall:  # two metres in front of its one camera, which looks down
+        ...     cameras, intrinsics, meta = np.eye(4)[None], Intrinsics.from_fov(4, 4), {}
+        ...     def render(self, c2w, intrinsics):
+        ...         one = np.ones((intrinsics.height, intrinsics.width))
+        ...         return Image(one[..., None].repeat(3, axis=2), 2 * one, one.astype(np.uint8), one)
+        >>> cloud = point_cloud(Wall())
+        >>> len(cloud), cloud.points[0], cloud.colors[0], cloud.classes[0]
+        (16, array([-1.5,  1.5, -2. ], dtype=float32), array([255, 255, 255], dtype=uint8), np.uint8(1))
+    """
+    rng = np.random.default_rng(seed)
+    camera = field.intrinsics
+    views = min(len(field.cameras), -(-count // VIEW_RAYS))
+    stride = int(np.sqrt(views * camera.width * camera.height / max(count, 1)))
+    stride = min(max(stride, 1), camera.width, camera.height)
+    points, colors, classes = [np.zeros((0, 3), np.float32)], [np.zeros((0, 3), np.uint8)], [np.zeros(0, np.uint8)]
+    for view in np.sort(rng.choice(len(field.cameras), views, replace=False)):
+        lattice = _lattice(camera, stride, *rng.integers(stride, size=2).tolist())
+        image = field.render(field.cameras[view], lattice)
+        rays_o, rays_d = camera_rays(lattice, field.cameras[view])
+        ends = (image.opacity > MIN_OPACITY) & np.isfinite(image.depth) & (image.depth > 0)
+        points.append((rays_o + image.depth[..., None] * rays_d)[ends].astype(np.float32))
+        colors.append(paint(image, "rgb")[ends])
+        classes.append(np.asarray(image.semantics)[ends].astype(np.uint8))
+    cloud = [np.concatenate(parts) for parts in (points, colors, classes)]
+    if len(cloud[0]) > count:
+        kept = np.sort(rng.choice(len(cloud[0]), count, replace=False))
+        cloud = [part[kept] for part in cloud]
+    return PointCloud(*cloud)
+
+
+def _lattice(camera: Intrinsics, stride: int, column: int, row: int) -> Intrinsics:
+    """The camera whose pixels are every ``stride``-th pixel of another, from (row, column) on.
+
+    Example:
+        >>> camera = Intrinsics.from_fov(8, 8)
+        >>> np.allclose(_lattice(camera, 3, 1, 2).directions(), camera.directions()[2::3, 1::3])
+        True
+    """
+    return Intrinsics(
+        -(-(camera.width - column) // stride),
+        -(-(camera.height - row) // stride),
+        camera.fl_x / stride,
+        camera.fl_y / stride,
+        (camera.cx - column - 0.5) / stride + 0.5,
+        (camera.cy - row - 0.5) / stride + 0.5,
+    )
