@@ -116,10 +116,9 @@ def check_names(policy: str | None = None, model: str | None = None) -> None:
         if policy not in POLICIES:
             raise UnknownNameError("policy", policy, POLICIES)
     if model is not None:
-        from autonerf_lab.nerf import MODELS
+        from autonerf_lab.nerf import model_spec
 
-        if model not in MODELS:
-            raise UnknownNameError("model", model, MODELS)
+        model_spec(model)
 
 
 def begin(

@@ -48,7 +48,10 @@ def test_every_command_explains_itself(command, capsys):
     ("arguments", "words"),
     [
         (["demo", "--policy", "frontire"], "unknown policy 'frontire'; valid names: frontier, random"),
-        (["demo", "--model", "gauss"], "unknown model 'gauss'; valid names: semantic-nerfacto"),
+        (
+            ["demo", "--model", "gauss"],
+            "unknown model 'gauss'; valid names: instant-ngp, semantic-nerf, semantic-nerfacto",
+        ),
         (["demo", "--preset", "fats"], "unknown preset 'fats'; valid names: fast, paper, smoke"),
         (["demo", "--scene", "val-9"], "unknown scene 'val-9'; valid names: dev-0, "),
         (["explore", "--scene", "nowhere.glb", "--out", "x"], "nowhere.glb"),

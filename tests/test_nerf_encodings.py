@@ -46,12 +46,12 @@ def test_spherical_harmonics_are_orthonormal() -> None:
 
 
 def test_weights_by_hand() -> None:
-    edges = torch.tensor([[0.0, 1.0, 3.0, 4.0]])
+    starts, ends = torch.tensor([[0.0, 2.0, 4.0]]), torch.tensor([[1.0, 4.0, 5.0]])  # nothing between 1 and 2
     sigma = torch.tensor([[np.log(2), np.log(2), 0.0]], dtype=torch.float32)
-    weights = rendering.weights_from_density(sigma, edges)
+    weights = rendering.weights_from_density(sigma, starts, ends)
     torch.testing.assert_close(weights, torch.tensor([[0.5, 0.5 * 0.75, 0.0]]))
     # half of the light collected (0.4375 of 0.875) lies 0.875 of the first bin away
-    torch.testing.assert_close(rendering.median_depth(weights, edges), torch.tensor([0.875]))
+    torch.testing.assert_close(rendering.median_depth(weights, starts, ends), torch.tensor([0.875]))
 
 
 def test_warp_is_undone() -> None:
@@ -71,8 +71,9 @@ def test_resampling_follows_the_weights() -> None:
 
 def test_losses_by_hand() -> None:
     edges = torch.tensor([[0.0, 1.0, 2.0]])
+    bins = edges[:, :-1], edges[:, 1:]
     # all weight in one bin of width 1, of a warped width of 1 / 8: 1 * (1 / 8) / 3
-    loss = rendering.distortion_loss(torch.tensor([[1.0, 0.0]]), edges, turn=4.0)
+    loss = rendering.distortion_loss(torch.tensor([[1.0, 0.0]]), *bins, turn=4.0)
     torch.testing.assert_close(loss, torch.tensor([1 / 24]))
     fine_edges, fine = torch.tensor([[0.0, 0.5, 1.5, 2.0]]), torch.tensor([[0.2, 0.6, 0.2]])
     # the middle bin lies over both proposal bins (0.5), the others over one each (0.1 and 0.4)
@@ -87,6 +88,10 @@ def test_box_keeps_metres_inside_and_holds_the_world() -> None:
     np.testing.assert_allclose(np.diff(box.contract(inside), axis=0)[0] * box.size, [1, 0, 0], atol=1e-6)
     far = box.contract(np.array([[1e6, -1e6, 1e6]]))
     assert ((far >= 0) & (far <= 1)).all()
+    points = np.random.default_rng(0).uniform(-20, 20, (100, 3))
+    np.testing.assert_allclose(box.expand(box.contract(points).astype(np.float64)), points, rtol=1e-3, atol=1e-4)
+    double = box.contract_tensor(torch.from_numpy(points)).numpy()
+    np.testing.assert_allclose(double, box.contract(points), atol=1e-6)
 
 
 @pytest.mark.parametrize("margin", [1e-3, 1e-2])

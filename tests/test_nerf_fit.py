@@ -9,9 +9,10 @@ from toy_scene import two_rooms
 
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics, camera_rays
-from autonerf_lab.nerf import NeRF, NerfactoSettings, checkpoint, fit, load_nerf
-from autonerf_lab.nerf.nerfacto import SemanticNerfacto
-from autonerf_lab.nerf.settings import SETTINGS
+from autonerf_lab.nerf import NeRF, checkpoint, fit, load_nerf
+from autonerf_lab.nerf.model import Model
+from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
+from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory
 
@@ -60,7 +61,7 @@ def test_stop_and_resume_is_the_same_training(
     monkeypatch.setattr(checkpoint, "SAVE_EVERY", 0.0)
     whole = fit(walk, settings=replace(SETTINGS_SMALL, steps=30), preset="smoke", progress=False)
 
-    def interrupt(step: int, model: SemanticNerfacto) -> None:
+    def interrupt(step: int, model: Model) -> None:
         if step == 12:
             raise KeyboardInterrupt
 
@@ -127,15 +128,17 @@ def test_bad_input(walk: Trajectory) -> None:
         fit(walk, "nerfacto", preset="smoke")
     with pytest.raises(UnknownNameError, match="smoke"):
         fit(walk, preset="quick")
+    with pytest.raises(DataError, match="no depth"):
+        fit(walk, settings=replace(SETTINGS_SMALL, depth_weight=0.1), progress=False)
     still = Trajectory(walk.poses[:1], walk.rgb[:1], None, None, CAMERA)
     with pytest.raises(DataError, match="one view"):
         fit(still, preset="smoke", progress=False)
     with pytest.raises(ValueError, match="multiple of 8"):
-        NerfactoSettings(rays=1001)
+        Settings(rays=1001)
 
 
 def test_nan_stops_the_training(walk: Trajectory) -> None:
-    def poison(step: int, model: SemanticNerfacto) -> None:
+    def poison(step: int, model: Model) -> None:
         model.parameters["density_1"][0, 0] = np.nan
 
     with pytest.raises(TrainingError, match="step 1"):
@@ -144,4 +147,8 @@ def test_nan_stops_the_training(walk: Trajectory) -> None:
 
 def test_a_walk_without_semantics_trains(walk: Trajectory) -> None:
     short = replace(SETTINGS_SMALL, steps=5)
-    assert fit(replace(walk, semantics=None), settings=short, preset="smoke", progress=False).meta["steps"] == 5
+    field = fit(replace(walk, semantics=None), settings=short, preset="smoke", progress=False)
+    assert field.render(walk.poses[0]).semantics is None
+    assert not field.model.parameters["semantic_0"].size
+    with pytest.raises(DataError, match="without semantics"):
+        field.semantics(np.zeros((1, 3)))

@@ -31,7 +31,7 @@ from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError
 from autonerf_lab.evaluators import Image
 from autonerf_lab.geometry import Intrinsics, planar_from_pose, planar_pose
 from autonerf_lab.nerf import NeRF, fit
-from autonerf_lab.nerf.settings import SETTINGS
+from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
 from autonerf_lab.run_folder import RunConfig, open_run
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory

@@ -6,6 +6,7 @@ them together. A training in progress keeps ``training.safetensors``, which goes
 
 import json
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -14,17 +15,19 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.nerf.bundles import Array, assign, to_numpy
 from autonerf_lab.nerf.field import NeRF
-from autonerf_lab.nerf.nerfacto import SemanticNerfacto
+from autonerf_lab.nerf.model import Model, ModelSpec
+from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
 from autonerf_lab.nerf.scene_box import SceneBox
-from autonerf_lab.nerf.settings import NerfactoSettings
+from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.nerf.visibility import Visibility
 from autonerf_lab.storage import read_json, write_bytes, write_json
 
-VERSION = 1
+VERSION = 2
 SAVE_EVERY = 20.0  # seconds of training between two checkpoints
 TRAINING_FILE = "training.safetensors"
 
@@ -32,7 +35,7 @@ TRAINING_FILE = "training.safetensors"
 class TrainingState:
     """Everything that changes during training."""
 
-    def __init__(self, model: SemanticNerfacto, optimizer: Adam, rng: np.random.Generator) -> None:
+    def __init__(self, model: Model, optimizer: Adam, rng: np.random.Generator) -> None:
         self.model, self.optimizer, self.rng = model, optimizer, rng
         self.step, self.psnr, self.seconds = 0, 0.0, 0.0
         self.losses: dict[str, float] = {}
@@ -58,7 +61,7 @@ class TrainingState:
         try:
             for prefix, group in self._groups().items():
                 for name, array in group.items():
-                    array[...] = arrays[f"{prefix}/{name}"]
+                    assign(array, arrays[f"{prefix}/{name}"])
             self.optimizer.steps.update(header["optimizer_steps"])
             self.rng.bit_generator.state = header["rng"]
             self.step, self.psnr, self.seconds = header["step"], header["psnr"], header["seconds"]
@@ -70,7 +73,9 @@ class TrainingState:
         if time.perf_counter() - self._saved < SAVE_EVERY:
             return
         arrays = {
-            f"{prefix}/{name}": array for prefix, group in self._groups().items() for name, array in group.items()
+            f"{prefix}/{name}": to_numpy(array)
+            for prefix, group in self._groups().items()
+            for name, array in group.items()
         }
         header = {
             "identity": self.identity,
@@ -83,15 +88,17 @@ class TrainingState:
         write_bytes(Path(folder) / TRAINING_FILE, save(arrays, {"header": json.dumps(header)}))
         self._saved = time.perf_counter()
 
-    def _groups(self) -> dict[str, dict[str, np.ndarray]]:
-        return {"parameter": self.model.parameters, "first": self.optimizer.first, "second": self.optimizer.second}
+    def _groups(self) -> dict[str, Mapping[str, Array]]:
+        moments: dict[str, Mapping[str, Array]] = {"first": self.optimizer.first, "second": self.optimizer.second}
+        return {"parameter": self.model.parameters, "state": self.model.state, **moments}
 
 
 def save_nerf(nerf: NeRF, folder: str | Path) -> None:
     """Write a field; a training checkpoint in the same folder has done its work and is removed."""
     folder = Path(folder)
     model, visibility = nerf.model, nerf.visibility
-    arrays = {f"parameter/{name}": value for name, value in model.parameters.items()}
+    arrays = {f"parameter/{name}": to_numpy(value) for name, value in model.parameters.items()}
+    arrays |= {f"state/{name}": value for name, value in model.state.items()}
     arrays |= {"cameras": nerf.cameras, "visibility": np.packbits(visibility.seen)}
     write_bytes(folder / "nerf.safetensors", save(arrays))
     write_json(
@@ -100,6 +107,8 @@ def save_nerf(nerf: NeRF, folder: str | Path) -> None:
             "version": VERSION,
             "meta": nerf.meta,
             "settings": _plain(model.settings),
+            "classes": nerf.classes,
+            "unit": nerf.unit,
             "box": {"center": model.box.center.tolist(), "half": model.box.half.tolist(), "shell": model.box.shell},
             "intrinsics": asdict(nerf.intrinsics),
             "visibility": {
@@ -112,11 +121,16 @@ def save_nerf(nerf: NeRF, folder: str | Path) -> None:
     (folder / TRAINING_FILE).unlink(missing_ok=True)
 
 
-def load_nerf(folder: str | Path) -> NeRF:
-    """Read a field that was saved.
+def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | None = None) -> NeRF:
+    """Read a field that was saved, on whatever device it was trained.
+
+    Args:
+        folder: holds ``nerf.json``.
+        device: where it shall work: None for this machine's cores, or a torch device.
+        model: how to build it, for a model that is registered nowhere.
 
     Raises:
-        DataError: names the file that is missing, damaged or of a newer version.
+        DataError: names the file that is missing, damaged or of another version, or the model that is not installed.
 
     Example:
         >>> load_nerf("/nowhere")
@@ -129,21 +143,24 @@ def load_nerf(folder: str | Path) -> NeRF:
         raise DataError(f"{path} has version {header.get('version')!r}, this release reads {VERSION}; fit again")
     arrays, _ = _read(Path(folder) / "nerf.safetensors")
     try:
+        spec = model or _known(header["meta"]["model"], path)
         plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header["settings"].items()}
-        settings = NerfactoSettings(**plain)
+        settings = type(next(iter(spec.settings.values())))(**plain)
         box = SceneBox(
             np.array(header["box"]["center"], np.float32),
             np.array(header["box"]["half"], np.float32),
             float(header["box"]["shell"]),
         )
         cameras = arrays["cameras"]
-        model = SemanticNerfacto(settings, box, len(cameras), np.random.default_rng(0))
-        for name, value in model.parameters.items():
-            value[...] = arrays[f"parameter/{name}"]
+        built = spec.build(settings, box, len(cameras), header["classes"], np.random.default_rng(0), device)
+        for prefix, group in (("parameter", built.parameters), ("state", built.state)):
+            for name, value in group.items():
+                assign(value, arrays[f"{prefix}/{name}"])
         grid = header["visibility"]
         seen = np.unpackbits(arrays["visibility"], count=int(np.prod(grid["shape"]))).astype(bool)
         visibility = Visibility(np.array(grid["origin"]), float(grid["voxel"]), seen.reshape(grid["shape"]))
-        return NeRF(model, cameras, Intrinsics(**header["intrinsics"]), visibility, dict(header["meta"]))
+        intrinsics, meta = Intrinsics(**header["intrinsics"]), dict(header["meta"])
+        return NeRF(built, cameras, intrinsics, visibility, meta, float(header["unit"]), int(header["classes"]))
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path} does not describe a field ({error!r}); fit again") from error
 
@@ -160,7 +177,14 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise DataError(f"{path} is damaged: {error}") from error
 
 
-def _plain(settings: NerfactoSettings) -> dict[str, Any]:
+def _known(model: Any, path: Path) -> ModelSpec:
+    try:
+        return model_spec(str(model))
+    except UnknownNameError as error:
+        raise DataError(f"{path} needs a model that is not installed: {error}; pass it as model=") from error
+
+
+def _plain(settings: Settings) -> dict[str, Any]:
     """As JSON would read it back."""
     return {f.name: list(v) if isinstance(v := getattr(settings, f.name), tuple) else v for f in fields(settings)}
 

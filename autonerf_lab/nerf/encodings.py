@@ -118,3 +118,21 @@ def spherical_harmonics(directions: torch.Tensor) -> torch.Tensor:
         0.5900435899266435 * x * (xx - 3 * yy),
     ]
     return torch.stack(values, dim=-1)
+
+
+def frequencies(x: torch.Tensor, count: int) -> torch.Tensor:
+    """The value itself, then sine and cosine of it times pi, 2 pi, 4 pi ... (Mildenhall et al. 2020, equation 4).
+
+    Args:
+        x: (..., D).
+        count: number of octaves.
+
+    Returns:
+        (..., D + 2 D count).
+
+    Example:
+        >>> frequencies(torch.tensor([[0.5]]), 2)
+        tensor([[ 5.0000e-01,  1.0000e+00, -8.7423e-08, -4.3711e-08, -1.0000e+00]])
+    """
+    scaled = (x[..., None] * (torch.pi * 2.0 ** torch.arange(count, device=x.device, dtype=x.dtype))).flatten(-2)
+    return torch.cat([x, torch.sin(scaled), torch.cos(scaled)], dim=-1)

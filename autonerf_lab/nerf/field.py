@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
+from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics, camera_rays
-from autonerf_lab.nerf.encodings import spherical_harmonics
-from autonerf_lab.nerf.nerfacto import SemanticNerfacto
-from autonerf_lab.nerf.rendering import density_from_raw
+from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.visibility import Visibility
 
 
@@ -20,7 +19,7 @@ class Rendering:
 
     rgb: np.ndarray  # (H, W, 3) float32 in [0, 1]
     depth: np.ndarray  # (H, W) float32, metres along the optical axis, where half of the light is collected
-    semantics: np.ndarray  # (H, W) uint8, the class of the largest rendered logit
+    semantics: np.ndarray | None  # (H, W) uint8, the class of the largest rendered logit; None: nothing was labelled
     opacity: np.ndarray  # (H, W) float32, share of the light that was collected
 
 
@@ -31,20 +30,24 @@ class NeRF:
         model: the parameters and the sampler.
         cameras: (T, 4, 4) camera-to-world poses it was trained on.
         intrinsics: the training camera.
-        visibility: what those cameras saw.
+        visibility: what those cameras saw, in the field's units.
+        unit: what the field calls one metre, in the units of the cameras: 1 for a walk.
+        classes: how many it tells apart, 0 where nothing was labelled.
         meta: scene, policy, seed, preset, steps, seconds, PSNR: whatever tells this field from another; JSON values.
     """
 
     def __init__(
         self,
-        model: SemanticNerfacto,
+        model: Model,
         cameras: np.ndarray,
         intrinsics: Intrinsics,
         visibility: Visibility,
         meta: dict[str, Any],
+        unit: float = 1.0,
+        classes: int = NUM_CLASSES,
     ) -> None:
         self.model, self.cameras, self.intrinsics = model, cameras, intrinsics
-        self.visibility, self.meta = visibility, meta
+        self.visibility, self.meta, self.unit, self.classes = visibility, meta, unit, classes
 
     def render(self, c2w: np.ndarray, intrinsics: Intrinsics | None = None) -> Rendering:
         """The view of a camera.
@@ -56,18 +59,18 @@ class NeRF:
         intrinsics = intrinsics or self.intrinsics
         rays_o, rays_d = camera_rays(intrinsics, c2w)
         shape = rays_d.shape[:2]
-        origins, directions, length = _unit(rays_o.reshape(-1, 3), rays_d.reshape(-1, 3))
+        origins, directions, length = _unit(rays_o.reshape(-1, 3) / self.unit, rays_d.reshape(-1, 3))
         color, logits, depth, opacity = self.model.render_rays(origins, directions)
         return Rendering(
             color.reshape(*shape, 3),
-            (depth / length).reshape(shape),
-            logits.argmax(axis=1).astype(np.uint8).reshape(shape),
+            (self.unit * depth / length).reshape(shape),
+            logits.argmax(axis=1).astype(np.uint8).reshape(shape) if self.classes else None,
             opacity.reshape(shape),
         )
 
     def density(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N,) float32, sigma per metre."""
-        return density_from_raw(torch.from_numpy(self.model.geometry(points)[:, 0])).numpy()
+        """(N, 3) world points -> (N,) float32, sigma per metre (or whatever unit the cameras have)."""
+        return self.model.field.density(points / self.unit) / np.float32(self.unit)
 
     def color(self, points: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
         """Colours at points.
@@ -79,25 +82,25 @@ class NeRF:
         Returns:
             (N, 3) float32 in [0, 1].
         """
-        p, geometry = self.model.parameters, self.model.geometry(points)
         if directions is None:
             directions = np.broadcast_to(np.array([0, 0, -1.0]), (len(points), 3))
-        harmonics = spherical_harmonics(torch.from_numpy(np.ascontiguousarray(directions, np.float32))).numpy()
-        mean = np.broadcast_to(p["appearance"].mean(axis=0), (len(points), p["appearance"].shape[1]))
-        hidden = geometry @ p["color_geometry"].T + np.concatenate([harmonics, mean], axis=1) @ p["color_ray"].T
-        hidden = np.maximum(np.maximum(hidden, 0) @ p["color_1"].T, 0)
-        return 1 / (1 + np.exp(-(hidden @ p["color_2"][:3].T)))
+        return self.model.field.color(points / self.unit, directions)
 
     def semantics(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N, 16) float32 probabilities of the classes."""
-        p, geometry = self.model.parameters, self.model.geometry(points)
-        logits = np.maximum(geometry @ p["semantic_0"].T, 0) @ p["semantic_1"].T
+        """(N, 3) world points -> (N, 16) float32 probabilities of the classes.
+
+        Raises:
+            DataError: the field was trained without labels.
+        """
+        if not self.classes:
+            raise DataError("this field knows no classes: it was trained on images without semantics")
+        logits = self.model.field.logits(points / self.unit)
         odds = np.exp(logits - logits.max(axis=1, keepdims=True))
         return odds / odds.sum(axis=1, keepdims=True)
 
     def seen(self, points: np.ndarray) -> np.ndarray:
         """(N, 3) world points -> (N,) bool: on the way from a training camera to the surface it shows, or on it."""
-        return self.visibility(points)
+        return self.visibility(points / self.unit)
 
     def ray_gradients(
         self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
@@ -112,10 +115,10 @@ class NeRF:
         Returns:
             error (N,), mean over the channels; its gradients for ``rays_o`` and for ``rays_d``, (N, 3) each.
         """
-        origins, directions, length = _unit(rays_o, rays_d)
+        origins, directions, length = _unit(rays_o / self.unit, rays_d)
         error, d_o, d_unit = self.model.ray_gradients(origins, directions, np.ascontiguousarray(target, np.float32))
         along = (d_unit * directions).sum(axis=1, keepdims=True)
-        return error, d_o, (d_unit - along * directions) / length[:, None]
+        return error, d_o / np.float32(self.unit), (d_unit - along * directions) / length[:, None]
 
     def save(self, folder: str | Path) -> None:
         """Write ``nerf.safetensors`` and ``nerf.json``: see :mod:`autonerf_lab.nerf.checkpoint`."""

@@ -1,34 +1,51 @@
 """Adam over named arrays, with everything a checkpoint needs."""
 
-import numpy as np
+from collections.abc import Callable
 
+import numpy as np
+import torch
+
+from autonerf_lab.nerf.bundles import Array, Arrays
 from autonerf_lab.nerf.kernels.adam import adam
+
+BETA_1, BETA_2, EPSILON = 0.9, 0.99, 1e-15  # as Nerfacto has them
 
 
 class Adam:
-    """Kingma and Ba 2015, for the gradients of one model (beta 0.9, 0.99; epsilon 1e-15, as Nerfacto has it).
+    """Kingma and Ba 2015, for the gradients of one model.
 
-    Entries of the hash tables that a batch did not touch keep their value and their moments.
+    Entries without gradient keep their value and their moments: most of a hash table is not touched by a batch.
     """
 
-    def __init__(self, parameters: dict[str, np.ndarray]) -> None:
+    def __init__(self, parameters: Arrays) -> None:
         self.parameters = parameters
         self.steps = {name: 0 for name in parameters}
-        self.first = {name: np.zeros_like(value) for name, value in parameters.items()}
-        self.second = {name: np.zeros_like(value) for name, value in parameters.items()}
+        self.first = {name: _zeros_like(value) for name, value in parameters.items()}
+        self.second = {name: _zeros_like(value) for name, value in parameters.items()}
 
-    def step(self, gradients: dict[str, np.ndarray], rates: dict[str, float]) -> None:
-        """One update of every parameter that has a gradient, each with its rate; gradients are cleared."""
+    def step(self, gradients: Arrays, rates: dict[str, float]) -> None:
+        """One update of every parameter that has a gradient, each with its rate; numpy gradients are cleared."""
         for name, gradient in gradients.items():
             self.steps[name] += 1
-            adam(
-                self.parameters[name].reshape(-1),
-                gradient.reshape(-1),
-                self.first[name].reshape(-1),
-                self.second[name].reshape(-1),
-                np.float32(rates[name]),
-                np.float32(0.9),
-                np.float32(0.99),
-                np.float32(1e-15),
-                self.steps[name],
-            )
+            arrays = self.parameters[name], gradient, self.first[name], self.second[name]
+            update: Callable = _update_tensor if isinstance(gradient, torch.Tensor) else _update_array
+            update(*arrays, rates[name], self.steps[name])
+
+
+def _zeros_like(value: Array) -> Array:
+    return torch.zeros_like(value, requires_grad=False) if isinstance(value, torch.Tensor) else np.zeros_like(value)
+
+
+def _update_array(p: np.ndarray, g: np.ndarray, m: np.ndarray, v: np.ndarray, rate: float, step: int) -> None:
+    first, second, epsilon = np.float32(BETA_1), np.float32(BETA_2), np.float32(EPSILON)
+    p, g, m, v = (array.reshape(-1) for array in (p, g, m, v))
+    adam(p, g, m, v, np.float32(rate), first, second, epsilon, step)
+
+
+@torch.no_grad()
+def _update_tensor(p: torch.Tensor, g: torch.Tensor, m: torch.Tensor, v: torch.Tensor, rate: float, step: int) -> None:
+    touched = (g != 0).to(g.dtype)
+    m.lerp_(g, touched * (1 - BETA_1))
+    v.lerp_(g * g, touched * (1 - BETA_2))
+    direction = (m / (1 - BETA_1**step)) / ((v / (1 - BETA_2**step)).sqrt() + EPSILON)
+    p.sub_(rate * touched * direction)

@@ -1,12 +1,14 @@
 """Volume rendering, sampling and the losses of a ray bundle in torch: the readable reference of the fused kernels.
 
-Everything is written for (R, S) bins of R rays, with ``edges`` (R, S + 1) distances in metres. CUDA trains with these
+Everything is written for (R, S) bins of R rays, from ``starts`` to ``ends`` (R, S), or between ``edges`` (R, S + 1)
+where they touch; distances in metres. CUDA trains with these
 functions; on the CPU :mod:`autonerf_lab.nerf.kernels` computes the same, and tests hold one against the other.
 """
 
 import torch
 
 LOG_SIGMA_START = -2.5  # a fresh network answers 0: the scene starts as thin fog, so that every ray reaches its wall
+OPAQUE = 1e-2  # share of the light below which nothing behind matters
 MAX_LOG_SIGMA = 9.6  # where the exponential of the log density is cut
 
 
@@ -15,21 +17,21 @@ def density_from_raw(raw: torch.Tensor) -> torch.Tensor:
     return torch.exp((raw + LOG_SIGMA_START).clamp(max=MAX_LOG_SIGMA))
 
 
-def weights_from_density(sigma: torch.Tensor, edges: torch.Tensor) -> torch.Tensor:
+def weights_from_density(sigma: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
     """w_i = T_i (1 - exp(-sigma_i delta_i)), section 3.2.
 
     Args:
         sigma: (R, S) per metre.
-        edges: (R, S + 1).
+        starts, ends: (R, S).
 
     Returns:
         (R, S); what they lack to 1 is the light that passes all bins.
 
     Example:
-        >>> weights_from_density(torch.tensor([[0.6931, 50.0]]), torch.tensor([[0.0, 1.0, 2.0]]))
+        >>> weights_from_density(torch.tensor([[0.6931, 50]]), torch.tensor([[0.0, 1.0]]), torch.tensor([[1.0, 2.0]]))
         tensor([[0.5000, 0.5000]])
     """
-    optical = sigma * edges.diff(dim=1)
+    optical = sigma * (ends - starts)
     transmittance = torch.exp(-torch.cumsum(torch.nn.functional.pad(optical, (1, 0)), dim=1)[:, :-1])
     return transmittance * (1 - torch.exp(-optical))
 
@@ -39,13 +41,13 @@ def composite(weights: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
     return (weights[..., None] * values).sum(dim=1)
 
 
-def median_depth(weights: torch.Tensor, edges: torch.Tensor) -> torch.Tensor:
+def median_depth(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
     """(R,) distance at which half of the collected weight lies in front, linear inside its bin."""
     total = weights.cumsum(dim=1)
     half = total[:, -1:] / 2
     bin_ = torch.searchsorted(total, half).clamp(max=weights.shape[1] - 1)
     inside = (half - (total - weights).gather(1, bin_)) / weights.gather(1, bin_).clamp(min=1e-10)
-    near, far = edges.gather(1, bin_), edges.gather(1, bin_ + 1)
+    near, far = starts.gather(1, bin_), ends.gather(1, bin_)
     return (near + inside * (far - near))[:, 0]
 
 
@@ -101,12 +103,48 @@ def resample(
     return torch.cat([edges[:, :1], inner, edges[:, -1:]], dim=1)
 
 
-def distortion_loss(weights: torch.Tensor, edges: torch.Tensor, turn: float) -> torch.Tensor:
+def occupied_bins(
+    edges: torch.Tensor, density: torch.Tensor, threshold: float, reach: float, jitter: torch.Tensor, bins: int
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Bins of equal length in the occupied steps of each ray, until no light is left and ``reach`` has been covered.
+
+    Args:
+        edges: (R, P + 1) distances of steps, metres.
+        density: (R, P) of the grid at their middles, per metre.
+        threshold: density from which a step is occupied; a ray without such a step is divided as a whole.
+        reach: metres of occupied space that a ray goes through at least.
+        jitter: (R,) in [0, 1).
+        bins: how many.
+
+    Returns:
+        starts, ends (R, bins).
+
+    Example:
+        >>> steps = torch.arange(5.0)[None]
+        >>> occupied_bins(steps, torch.tensor([[0.0, 9.0, 0.0, 9.0]]), 1.0, 5.0, torch.tensor([0.5]), 2)
+        (tensor([[1., 3.]]), tensor([[2., 4.]]))
+    """
+    length = edges.diff(dim=1)
+    occupied = torch.where(density >= threshold, length, 0.0)
+    passed = occupied.cumsum(dim=1)
+    light = torch.exp(-(occupied * density).cumsum(dim=1))
+    stopped = ((light < OPAQUE) & (passed > reach)).long().cumsum(dim=1)
+    occupied = torch.where((stopped == 0) | ((stopped == 1) & (occupied > 0)), occupied, 0.0)
+    occupied = torch.where(occupied.sum(dim=1, keepdim=True) > 0, occupied, length)
+    passed = torch.nn.functional.pad(occupied.cumsum(dim=1), (1, 0))
+    width = passed[:, -1:] / bins
+    wanted = (torch.arange(bins, device=edges.device) + 0.25 + 0.5 * jitter[:, None]) * width
+    step = (torch.searchsorted(passed.contiguous(), wanted.contiguous()) - 1).clamp(0, occupied.shape[1] - 1)
+    middle = edges.gather(1, step) + wanted - passed.gather(1, step)
+    return middle - width / 2, middle + width / 2
+
+
+def distortion_loss(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor, turn: float) -> torch.Tensor:
     """(R,) distortion of Barron et al. 2022, equation 15, in warped distances."""
-    s = warp(edges, turn)
-    middle = (s[:, 1:] + s[:, :-1]) / 2
+    near, far = warp(starts, turn), warp(ends, turn)
+    middle = (near + far) / 2
     pairs = weights[:, :, None] * weights[:, None, :] * (middle[:, :, None] - middle[:, None, :]).abs()
-    return pairs.sum(dim=(1, 2)) + (weights**2 * s.diff(dim=1)).sum(dim=1) / 3
+    return pairs.sum(dim=(1, 2)) + (weights**2 * (far - near)).sum(dim=1) / 3
 
 
 def interlevel_loss(

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 
 @dataclass(frozen=True)
@@ -41,3 +42,22 @@ class SceneBox:
         beyond = np.maximum(np.abs(u) - 1, 0)
         squeezed = np.sign(u) * (1 + self.shell - self.shell**2 / (beyond + self.shell))
         return ((np.where(beyond > 0, squeezed, u) / (1 + self.shell) + 1) / 2).astype(np.float32)
+
+    def contract_tensor(self, points: torch.Tensor) -> torch.Tensor:
+        """:meth:`contract` for (..., 3) tensors of any device, differentiable."""
+        u = (points - torch.as_tensor(self.center).to(points)) / torch.as_tensor(self.half).to(points)
+        beyond = u.abs() - 1
+        squeezed = u.sign() * (1 + self.shell - self.shell**2 / (beyond.clamp(min=0) + self.shell))
+        return (torch.where(beyond > 0, squeezed, u) / (1 + self.shell) + 1) / 2
+
+    def expand(self, x: np.ndarray) -> np.ndarray:
+        """The inverse of :meth:`contract`: (N, 3) in the open unit cube -> (N, 3) float32 world.
+
+        Example:
+            >>> box = SceneBox(np.zeros(3, np.float32), np.ones(3, np.float32), 1.0)
+            >>> box.expand(np.array([[0.5, 0.75, 0.875]])).tolist()
+            [[0.0, 1.0, 2.0]]
+        """
+        u = (2 * np.asarray(x, np.float64) - 1) * (1 + self.shell)
+        beyond = self.shell**2 / np.maximum(1 + self.shell - np.abs(u), 1e-6) - self.shell
+        return (np.where(np.abs(u) > 1, np.sign(u) * (1 + beyond), u) * self.half + self.center).astype(np.float32)

@@ -23,6 +23,7 @@ from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS, CHUNKS, GEOMETRY, LANES
 from autonerf_lab.nerf.kernels.dense import dense, dense_add, relu, relu_backward, weight_gradient
 from autonerf_lab.nerf.kernels.volume import (
     distortion,
+    expected_depth_error,
     median_depth,
     ray_weights,
     ray_weights_backward,
@@ -162,7 +163,7 @@ def _heads_backward(transposed, grads, chunk, learn, owned, n, g, c0, c1, s0, d_
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def train_rays(
-    params, transposed, grads, enc, features, edges, target, labels, background, settings,
+    params, transposed, grads, enc, features, starts, ends, target, labels, depths, background, settings,
     learn, d_features, weights, color, losses,
 ):  # fmt: skip
     """Forward and backward of a batch of rays.
@@ -172,20 +173,22 @@ def train_rays(
         grads: like ``params`` with a leading axis of CHUNKS, added to.
         enc: (R / BLOCK_RAYS, 2 L, BLOCK_RAYS S), encoded bin middles; overwritten by their gradient.
         features: (R / BLOCK_RAYS, F, BLOCK_RAYS), spherical harmonics and appearance of the rays.
-        edges: (R, S + 1), distances of the bins, metres.
+        starts, ends: (R, S), distances of the bins, metres.
         target: (R, 3), colours in [0, 1].
         labels: (R,), class index, or -1 where there is none.
+        depths: (R,), metres along the ray, or 0 where there is none.
         background: (R, 3), colour of what is behind the last bin.
-        settings: (5,) scales of squared error, cross entropy and distortion (1 / R included), turn of the warp in
-            metres, smallest weight of an active sample.
+        settings: (6,) scales of squared error, cross entropy and distortion (1 / R included), turn of the warp in
+            metres, smallest weight of an active sample, scale of the depth error.
         learn: whether gradients of the parameters are wanted; pose refinement needs those of the positions only.
         d_features: like ``features``, written.
         weights: (R, S), written.
         color: (R, 3), written, what the ray shows.
-        losses: (CHUNKS, 4) float64, written: sums of squared error, cross entropy, distortion, correct labels.
+        losses: (CHUNKS, 5) float64, written: sums of squared error, cross entropy, distortion, correct labels, depth
+            error.
     """
     blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
-    inputs, hidden, classes = enc.shape[1], params[0].shape[0], params[7].shape[0]
+    inputs, hidden, semantic, classes = enc.shape[1], params[0].shape[0], params[6].shape[0], params[7].shape[0]
     space = (width + LANES - 1) // LANES * LANES
     per_chunk = (blocks + CHUNKS - 1) // CHUNKS
     for chunk in prange(CHUNKS):
@@ -193,18 +196,18 @@ def train_rays(
         x, h, g = buffer(inputs, space), buffer(hidden, space), buffer(GEOMETRY, space)
         d_x, d_h, d_g = buffer(inputs, space), buffer(hidden, space), buffer(GEOMETRY, space)
         c0, c1, d_c = buffer(hidden, space), buffer(hidden, space), buffer(hidden, space)
-        s0, d_s0, rgb, d_rgb = buffer(hidden, space), buffer(hidden, space), buffer(4, space), buffer(4, space)
+        s0, d_s0, rgb, d_rgb = buffer(semantic, space), buffer(semantic, space), buffer(4, space), buffer(4, space)
         ray_part, d_ray = buffer(hidden, BLOCK_RAYS), buffer(hidden, BLOCK_RAYS)
-        s_ray, d_s_ray = buffer(hidden, BLOCK_RAYS), buffer(hidden, BLOCK_RAYS)
+        s_ray, d_s_ray = buffer(semantic, BLOCK_RAYS), buffer(semantic, BLOCK_RAYS)
         logits, d_logits = buffer(classes, BLOCK_RAYS), buffer(classes, BLOCK_RAYS)
         shown, d_color = buffer(4, BLOCK_RAYS), buffer(3, BLOCK_RAYS)
         left, d_left = np.zeros(BLOCK_RAYS, np.float32), np.zeros(BLOCK_RAYS, np.float32)
         columns, owners = np.zeros(space, np.int64), np.zeros(space, np.int64)
         owned, packed = buffer(BLOCK_RAYS, space), buffer(BLOCK_RAYS, space)
         slopes, d_packed = buffer(BLOCK_RAYS, space), np.zeros(space, np.float32)
-        d_s_ray_t = buffer(BLOCK_RAYS, hidden)
+        d_s_ray_t = buffer(BLOCK_RAYS, semantic)
         d_weights = np.zeros(samples, np.float32)
-        squared, entropy, spread, correct = 0.0, 0.0, 0.0, 0.0
+        squared, entropy, spread, correct, depth_error = 0.0, 0.0, 0.0, 0.0, 0.0
         for b in range(chunk * per_chunk, min((chunk + 1) * per_chunk, blocks)):
             first = b * BLOCK_RAYS
             w = weights[first : first + BLOCK_RAYS]
@@ -212,7 +215,8 @@ def train_rays(
             relu(h_all, width)
             dense(params[1], h_all, g_all, width)
             for r in range(BLOCK_RAYS):
-                left[r] = ray_weights(g_all[0, r * samples : (r + 1) * samples], edges[first + r], w[r])
+                raw = g_all[0, r * samples : (r + 1) * samples]
+                left[r] = ray_weights(raw, starts[first + r], ends[first + r], w[r])
             count, n = _pack(w, settings[4], columns, owners, owned, packed)
             _gather(g_all, columns, n, g)
             dense(params[3], features[b], ray_part, BLOCK_RAYS)
@@ -228,7 +232,7 @@ def train_rays(
 
             weight_gradient(d_logits, s_ray, grads[7][chunk], BLOCK_RAYS)
             dense(transposed[7], d_logits, d_s_ray, BLOCK_RAYS)
-            for j in range(hidden):
+            for j in range(semantic):
                 for r in range(BLOCK_RAYS):
                     d_s_ray_t[r, j] = d_s_ray[j, r]
             _samples_backward(rgb, s0, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_s0, slopes, d_packed)
@@ -242,9 +246,16 @@ def train_rays(
                 while k < count and columns[k] < far:
                     d_weights[columns[k] - near] = d_packed[k]
                     k += 1
-                spread += distortion(edges[first + r], w[r], settings[3], settings[2], d_weights)
+                t0, t1 = starts[first + r], ends[first + r]
+                spread += distortion(t0, t1, w[r], settings[3], settings[2], d_weights)
+                if depths[first + r] > ZERO:
+                    error, slope = expected_depth_error(
+                        t0, t1, w[r], left[r], depths[first + r], settings[5], d_weights
+                    )
+                    depth_error += error
+                    d_left[r] += slope
                 ray_weights_backward(
-                    g_all[0, near:far], edges[first + r], w[r], left[r], d_weights, d_left[r], d_all[0, near:far]
+                    g_all[0, near:far], t0, t1, w[r], left[r], d_weights, d_left[r], d_all[0, near:far]
                 )
             for k in range(count):
                 d_g[0, k] += d_all[0, columns[k]]
@@ -262,15 +273,16 @@ def train_rays(
             for j in range(inputs):
                 for k in range(count):
                     enc[b, j, columns[k]] = d_x[j, k]
-        losses[chunk, 0], losses[chunk, 1], losses[chunk, 2], losses[chunk, 3] = squared, entropy, spread, correct
+        losses[chunk, 0], losses[chunk, 1], losses[chunk, 2] = squared, entropy, spread
+        losses[chunk, 3], losses[chunk, 4] = correct, depth_error
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def render_rays(params, enc, features, edges, min_weight, weights, color, logits, depth):
+def render_rays(params, enc, features, starts, ends, min_weight, weights, color, logits, depth):
     """Forward only.
 
     Args:
-        params, enc, features, edges: as in :func:`train_rays`; enc is kept.
+        params, enc, features, starts, ends: as in :func:`train_rays`; enc is kept.
         min_weight: smallest weight of an active sample.
         weights: (R, S), written.
         color: (R, 3), written; what is left of the light is black.
@@ -278,12 +290,12 @@ def render_rays(params, enc, features, edges, min_weight, weights, color, logits
         depth: (R,), written, median distance along the ray, metres.
     """
     blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
-    hidden, classes = params[0].shape[0], params[7].shape[0]
+    hidden, semantic, classes = params[0].shape[0], params[6].shape[0], params[7].shape[0]
     space = (width + LANES - 1) // LANES * LANES
     for chunk in prange(CHUNKS):
         h, g_all, g = buffer(hidden, width), buffer(GEOMETRY, width), buffer(GEOMETRY, space)
-        c0, c1, s0, rgb = buffer(hidden, space), buffer(hidden, space), buffer(hidden, space), buffer(4, space)
-        ray_part, s_ray = buffer(hidden, BLOCK_RAYS), buffer(hidden, BLOCK_RAYS)
+        c0, c1, s0, rgb = buffer(hidden, space), buffer(hidden, space), buffer(semantic, space), buffer(4, space)
+        ray_part, s_ray = buffer(hidden, BLOCK_RAYS), buffer(semantic, BLOCK_RAYS)
         block_logits, shown = buffer(classes, BLOCK_RAYS), buffer(4, BLOCK_RAYS)
         columns, owners = np.zeros(space, np.int64), np.zeros(space, np.int64)
         owned, packed = buffer(BLOCK_RAYS, space), buffer(BLOCK_RAYS, space)
@@ -294,8 +306,9 @@ def render_rays(params, enc, features, edges, min_weight, weights, color, logits
             relu(h, width)
             dense(params[1], h, g_all, width)
             for r in range(BLOCK_RAYS):
-                ray_weights(g_all[0, r * samples : (r + 1) * samples], edges[first + r], w[r])
-                depth[first + r] = median_depth(edges[first + r], w[r])
+                t0, t1 = starts[first + r], ends[first + r]
+                ray_weights(g_all[0, r * samples : (r + 1) * samples], t0, t1, w[r])
+                depth[first + r] = median_depth(t0, t1, w[r])
             _, n = _pack(w, min_weight, columns, owners, owned, packed)
             _gather(g_all, columns, n, g)
             dense(params[3], features[b], ray_part, BLOCK_RAYS)

@@ -28,7 +28,7 @@ def propose(params, enc, edges, weights, raw):
             for r in range(BLOCK_RAYS):
                 ray = b * BLOCK_RAYS + r
                 raw[ray] = g[0, r * samples : (r + 1) * samples]
-                ray_weights(raw[ray], edges[ray], weights[ray])
+                ray_weights(raw[ray], edges[ray, :-1], edges[ray, 1:], weights[ray])
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
@@ -57,7 +57,9 @@ def propose_backward(params, transposed, grads, enc, edges, weights, raw, fine_e
                 total += interlevel(edges[ray], weights[ray], fine_edges[ray], fine_weights[ray], scale, d_weights)
                 left = ONE - weights[ray].sum()
                 d_raw = d_g[0, r * samples : (r + 1) * samples]
-                ray_weights_backward(raw[ray], edges[ray], weights[ray], left, d_weights, ZERO, d_raw)
+                ray_weights_backward(
+                    raw[ray], edges[ray, :-1], edges[ray, 1:], weights[ray], left, d_weights, ZERO, d_raw
+                )
             weight_gradient(d_g, h, grads[1][chunk], width)
             dense(transposed[1], d_g, d_h, width)
             relu_backward(h, d_h, width)

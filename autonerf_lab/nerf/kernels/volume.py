@@ -4,7 +4,7 @@ For bins with densities sigma_i and lengths delta_i (section 3.2 of the paper, a
 
     alpha_i = 1 - exp(-sigma_i delta_i)        T_i = prod_{j < i} (1 - alpha_j)        w_i = T_i alpha_i
 
-References with the same names in torch: :mod:`autonerf_lab.nerf.rendering`, :mod:`autonerf_lab.nerf.sampling`.
+References with the same names in torch: :mod:`autonerf_lab.nerf.rendering`.
 """
 
 import numpy as np
@@ -23,24 +23,24 @@ def density_from_raw(raw):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def ray_weights(raw, edges, weights):
+def ray_weights(raw, starts, ends, weights):
     """Weights of one ray from the network's outputs; returns the light that passes all bins.
 
     Args:
         raw: (S,) first outputs of a density network.
-        edges: (S + 1,) distances along the ray, metres.
+        starts, ends: (S,) distances along the ray, metres; between two bins there is nothing.
         weights: (S,), written.
     """
     transmittance = ONE
     for i in range(weights.shape[0]):
-        through = np.exp(-density_from_raw(raw[i]) * (edges[i + 1] - edges[i]))
+        through = np.exp(-density_from_raw(raw[i]) * (ends[i] - starts[i]))
         weights[i] = transmittance * (ONE - through)
         transmittance *= through
     return transmittance
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def ray_weights_backward(raw, edges, weights, left, d_weights, d_left, d_raw):
+def ray_weights_backward(raw, starts, ends, weights, left, d_weights, d_left, d_raw):
     """Gradient of the raw densities; ``left`` is what :func:`ray_weights` returned, ``d_left`` its gradient.
 
     With A_i = T_{i+1} dL/dw_i - sum_{j > i} w_j dL/dw_j - left dL/dleft: dL/dsigma_i = delta_i A_i.
@@ -50,23 +50,23 @@ def ray_weights_backward(raw, edges, weights, left, d_weights, d_left, d_raw):
     for i in range(weights.shape[0] - 1, -1, -1):
         d_raw[i] = np.float32(0.0)
         if raw[i] + LOG_SIGMA_START < MAX_LOG_SIGMA:
-            optical = density_from_raw(raw[i]) * (edges[i + 1] - edges[i])
+            optical = density_from_raw(raw[i]) * (ends[i] - starts[i])
             d_raw[i] = optical * (transmittance * d_weights[i] - behind)
         behind += weights[i] * d_weights[i]
         transmittance += weights[i]  # T_i = T_{i+1} + w_i
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def median_depth(edges, weights):
+def median_depth(starts, ends, weights):
     """Distance at which half of the collected weight lies in front."""
     half = np.float32(0.5) * weights.sum()
     passed = np.float32(0.0)
     for i in range(weights.shape[0]):
         if passed + weights[i] >= half:
             share = (half - passed) / max(weights[i], np.float32(1e-10))
-            return edges[i] + share * (edges[i + 1] - edges[i])
+            return starts[i] + share * (ends[i] - starts[i])
         passed += weights[i]
-    return edges[-1]
+    return ends[-1]
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
@@ -82,7 +82,7 @@ def unwarp(s, turn):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def distortion(edges, weights, turn, scale, d_weights):
+def distortion(starts, ends, weights, turn, scale, d_weights):
     """Distortion loss of Barron et al. 2022 (equation 15) in warped distances; its gradient is added to ``d_weights``.
 
     sum_ij w_i w_j |m_i - m_j| + sum_i w_i^2 (s_{i+1} - s_i) / 3 with m the bin middles, in one pass each way.
@@ -90,12 +90,12 @@ def distortion(edges, weights, turn, scale, d_weights):
     count = weights.shape[0]
     total_w, total_wm = np.float32(0.0), np.float32(0.0)
     for i in range(count):
-        middle = np.float32(0.5) * (warp(edges[i], turn) + warp(edges[i + 1], turn))
+        middle = np.float32(0.5) * (warp(starts[i], turn) + warp(ends[i], turn))
         total_w += weights[i]
         total_wm += weights[i] * middle
     loss, w_front, wm_front = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for i in range(count):
-        near, far = warp(edges[i], turn), warp(edges[i + 1], turn)
+        near, far = warp(starts[i], turn), warp(ends[i], turn)
         middle, w = np.float32(0.5) * (near + far), weights[i]
         w_back, wm_back = total_w - w_front - w, total_wm - wm_front - w * middle
         pull = (middle * w_front - wm_front) + (wm_back - middle * w_back)
@@ -107,21 +107,37 @@ def distortion(edges, weights, turn, scale, d_weights):
     return loss
 
 
+@njit(fastmath=True, cache=True, error_model="numpy")
+def expected_depth_error(starts, ends, weights, left, depth, scale, d_weights):
+    """Absolute error of the expected depth, whose gradient is added to ``d_weights``; returns it and that of ``left``.
+
+    Light that passes all bins ends where the last bin does.
+    """
+    last = ends[weights.shape[0] - 1]
+    expected = left * last
+    for i in range(weights.shape[0]):
+        expected += weights[i] * np.float32(0.5) * (starts[i] + ends[i])
+    slope = scale if expected > depth else -scale
+    for i in range(weights.shape[0]):
+        d_weights[i] += slope * np.float32(0.5) * (starts[i] + ends[i])
+    return abs(expected - depth), slope * last
+
+
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def ray_points(rays_o, rays_d, edges, center, half, shell, x):
+def ray_points(rays_o, rays_d, middles, center, half, shell, x):
     """Bin middles of all rays, contracted into the unit cube.
 
     Args:
         rays_o, rays_d: (R, 3) float32, unit directions.
-        edges: (R, S + 1) distances, metres.
+        middles: (R, S) distances, metres.
         center, half: (3,) the box that is kept as it is, metres.
         shell: thickness of the shell that holds all the rest, in half sizes of the box.
         x: (3, R * S), written.
     """
-    count = edges.shape[1] - 1
-    for r in prange(edges.shape[0]):
+    count = middles.shape[1]
+    for r in prange(middles.shape[0]):
         for i in range(count):
-            t = np.float32(0.5) * (edges[r, i] + edges[r, i + 1])
+            t = middles[r, i]
             for axis in range(3):
                 u = (rays_o[r, axis] + t * rays_d[r, axis] - center[axis]) / half[axis]
                 beyond = abs(u) - ONE
@@ -131,14 +147,14 @@ def ray_points(rays_o, rays_d, edges, center, half, shell, x):
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def ray_points_backward(rays_o, rays_d, edges, center, half, shell, d_x, d_o, d_d):
+def ray_points_backward(rays_o, rays_d, middles, center, half, shell, d_x, d_o, d_d):
     """Gradients of origins and directions (R, 3), written; the distances are held fixed."""
-    count = edges.shape[1] - 1
-    for r in prange(edges.shape[0]):
+    count = middles.shape[1]
+    for r in prange(middles.shape[0]):
         for axis in range(3):
             sum_o, sum_d = np.float32(0.0), np.float32(0.0)
             for i in range(count):
-                t = np.float32(0.5) * (edges[r, i] + edges[r, i + 1])
+                t = middles[r, i]
                 beyond = abs((rays_o[r, axis] + t * rays_d[r, axis] - center[axis]) / half[axis]) - ONE
                 slope = ONE if beyond <= 0 else shell * shell / ((beyond + shell) * (beyond + shell))
                 g = d_x[axis, r * count + i] * slope * np.float32(0.5) / ((ONE + shell) * half[axis])

@@ -1,0 +1,46 @@
+"""Hash encoding and small networks in torch: the reference of :mod:`autonerf_lab.nerf.fields.hash_field`, for CUDA."""
+
+import numpy as np
+import torch
+
+from autonerf_lab.nerf.encodings import hash_encode, spherical_harmonics
+from autonerf_lab.nerf.fields.hash_field import build_grid, initial_parameters
+from autonerf_lab.nerf.fields.torch_field import TorchField
+from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.settings import HashSettings
+
+
+class TorchHashField(TorchField):
+    """Same parameters, same values as :class:`~autonerf_lab.nerf.fields.hash_field.HashField`."""
+
+    settings: HashSettings
+
+    def __init__(
+        self,
+        settings: HashSettings,
+        box: SceneBox,
+        frames: int,
+        classes: int,
+        rng: np.random.Generator,
+        device: str,
+    ) -> None:
+        self.grid, self.box = build_grid(settings, box), box
+        super().__init__(settings, initial_parameters(settings, self.grid, frames, classes, rng), device)
+
+    def forward(
+        self, points: torch.Tensor, directions: torch.Tensor, frames: torch.Tensor | None
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        p = self.parameters
+        x = hash_encode(self.box.contract_tensor(points).flatten(0, 1), p["table"], self.grid)
+        geometry = (torch.relu(x @ p["density_0"].T) @ p["density_1"].T).unflatten(0, points.shape[:2])
+        features = spherical_harmonics(directions)
+        if not self.settings.view_dependent:
+            features = features * (torch.arange(features.shape[1], device=features.device) == 0)
+        if self.settings.appearance:
+            table = p["appearance"]
+            embedding = table.mean(dim=0).expand(len(directions), -1) if frames is None else table[frames]
+            features = torch.cat([features, embedding], dim=1)
+        hidden = torch.relu(geometry @ p["color_geometry"].T + (features @ p["color_ray"].T)[:, None])
+        color = torch.sigmoid(torch.relu(hidden @ p["color_1"].T) @ p["color_2"][:3].T)
+        logits = torch.relu(geometry @ p["semantic_0"].T) @ p["semantic_1"].T
+        return geometry[..., 0], color, logits

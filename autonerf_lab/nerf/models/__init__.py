@@ -1,0 +1,49 @@
+"""The models, by name: this package's, and what installed packages register as ``autonerf_lab.models``.
+
+A model of your own is one file: a :class:`~autonerf_lab.nerf.model.ModelSpec` with settings for each preset and a
+function that pairs a field with a sampler. Pass it to :func:`~autonerf_lab.nerf.fit.fit` as it is, or register it::
+
+    [project.entry-points."autonerf_lab.models"]
+    my-nerf = "my_package:SPEC"
+"""
+
+from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.nerf.model import ModelSpec
+from autonerf_lab.nerf.models import instant_ngp, semantic_nerf, semantic_nerfacto
+from autonerf_lab.plugins import installed
+
+MODELS: dict[str, ModelSpec] = {
+    "semantic-nerf": semantic_nerf.SPEC,
+    "semantic-nerfacto": semantic_nerfacto.SPEC,
+    "instant-ngp": instant_ngp.SPEC,
+}
+
+
+def available() -> dict[str, ModelSpec]:
+    """Built-in models and those of installed packages; a broken one is warned about by name and left out."""
+    return installed("models", MODELS, ModelSpec)
+
+
+def model_spec(model: str | ModelSpec) -> ModelSpec:
+    """A model by its name.
+
+    Raises:
+        UnknownNameError: lists the valid names.
+
+    Example:
+        >>> model_spec("gauss")
+        Traceback (most recent call last):
+        autonerf_lab.errors.UnknownNameError: unknown model 'gauss'; valid names: instant-ngp, semantic-nerf, \
+semantic-nerfacto
+    """
+    if isinstance(model, ModelSpec):
+        return model
+    if model in MODELS:
+        return MODELS[model].named(model)
+    found = available()
+    if model not in found:
+        raise UnknownNameError("model", model, found)
+    return found[model].named(model)
+
+
+__all__ = ["MODELS", "ModelSpec", "available", "model_spec"]

@@ -1,0 +1,41 @@
+"""Instant-NGP (Müller et al. 2022) with a semantic head: the hash field, and a grid that skips empty space."""
+
+import numpy as np
+
+from autonerf_lab.nerf.fields.hash_field import HashField
+from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
+from autonerf_lab.nerf.model import Model, ModelSpec
+from autonerf_lab.nerf.samplers.occupancy import OccupancySampler, TorchOccupancySampler
+from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.settings import OccupancySettings
+
+SETTINGS = {
+    "smoke": OccupancySettings(steps=120, rays=1024, levels=6, log2_entries=14, candidates=128),
+    "fast": OccupancySettings(),
+    "paper": OccupancySettings(
+        steps=30_000,
+        rays=4096,
+        semantic_weight=0.02,
+        table_rate=1.0,
+        min_weight=0.0,
+        samples=128,
+        candidates=1024,
+        levels=16,
+        log2_entries=19,
+        final_learning_rate=1e-4,
+    ),
+}
+
+
+def build(
+    settings: OccupancySettings, box: SceneBox, frames: int, classes: int, rng: np.random.Generator, device: str | None
+) -> Model:
+    """Fused kernels on this machine's cores, or torch on ``device``."""
+    if device is None:
+        field, sampler = HashField(settings, box, frames, classes, rng), OccupancySampler(settings, box)
+        return Model(settings, box, field, sampler, frames)
+    torch_field = TorchHashField(settings, box, frames, classes, rng, device)
+    return Model(settings, box, torch_field, TorchOccupancySampler(settings, box, device), frames)
+
+
+SPEC = ModelSpec(SETTINGS, build)

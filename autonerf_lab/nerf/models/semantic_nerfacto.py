@@ -1,0 +1,43 @@
+"""Semantic Nerfacto (section 3.2): hash encoding and proposal sampling, with a semantic head."""
+
+import numpy as np
+
+from autonerf_lab.nerf.fields.hash_field import HashField
+from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
+from autonerf_lab.nerf.model import Model, ModelSpec
+from autonerf_lab.nerf.samplers.proposal import ProposalSampler, TorchProposalSampler
+from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.settings import ProposalSettings
+
+SETTINGS = {
+    "smoke": ProposalSettings(steps=120, rays=1024, proposal_samples=(32,), levels=6, log2_entries=14),
+    "fast": ProposalSettings(),
+    "paper": ProposalSettings(
+        steps=30_000,
+        rays=4096,
+        semantic_weight=0.02,
+        table_rate=1.0,
+        min_weight=0.0,
+        samples=48,
+        proposal_samples=(256, 96),
+        proposal_every=5,
+        levels=16,
+        log2_entries=19,
+        appearance=32,
+        final_learning_rate=1e-4,
+    ),
+}
+
+
+def build(
+    settings: ProposalSettings, box: SceneBox, frames: int, classes: int, rng: np.random.Generator, device: str | None
+) -> Model:
+    """Fused kernels on this machine's cores, or torch on ``device``."""
+    if device is None:
+        field, sampler = HashField(settings, box, frames, classes, rng), ProposalSampler(settings, box, rng)
+        return Model(settings, box, field, sampler, frames)
+    torch_field = TorchHashField(settings, box, frames, classes, rng, device)
+    return Model(settings, box, torch_field, TorchProposalSampler(settings, box, rng, device), frames)
+
+
+SPEC = ModelSpec(SETTINGS, build)

@@ -1,0 +1,93 @@
+"""Occupancy-grid sampling (Müller et al. 2022, appendix E): a grid remembers where there is nothing, rays skip it."""
+
+import numpy as np
+import torch
+
+from autonerf_lab.nerf import rendering
+from autonerf_lab.nerf.bundles import Arrays, Rays, Samples, Targets
+from autonerf_lab.nerf.fields.torch_field import middle_points
+from autonerf_lab.nerf.kernels import march, volume
+from autonerf_lab.nerf.model import Field
+from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.settings import OccupancySettings
+
+WARM_UP = 256  # steps in which the whole grid is asked at each update, later half of it
+
+
+class OccupancySampler:
+    """Bins of equal length in the occupied space that a ray crosses before it is stopped.
+
+    The grid covers the contracted cube. Every so many steps its densities decay, and those found at a random point of
+    each cell replace them where they are larger; a cell is occupied above a threshold, or above the mean while all is
+    fog.
+
+    Args:
+        settings: size of the grid, number of bins.
+        box: where the scene is.
+    """
+
+    def __init__(self, settings: OccupancySettings, box: SceneBox) -> None:
+        self.settings, self.box = settings, box
+        shape = np.maximum(np.ceil(box.size / settings.cell), 1).astype(np.int64)
+        self.parameters: Arrays = {}
+        self.state: dict[str, np.ndarray] = {
+            "occupancy": np.full(shape, 10 * settings.occupied, np.float32),  # density per metre
+            "occupancy_steps": np.zeros(1, np.int64),
+        }
+
+    def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
+        s, box, count = self.settings, self.box, len(rays)
+        edges = np.empty((count, s.candidates + 1), np.float32)
+        volume.first_edges(np.float32(s.near), np.float32(s.far), np.float32(s.turn), jitter, edges)
+        starts, ends = np.empty((count, s.samples), np.float32), np.empty((count, s.samples), np.float32)
+        density = self.state["occupancy"]
+        march.occupied_bins(
+            rays.origins, rays.directions, edges, box.center, box.half, np.float32(box.shell),
+            density, min(np.float32(s.occupied), density.mean()), np.float32(s.reach), jitter, starts, ends,
+        )  # fmt: skip
+        return Samples(starts, ends)
+
+    def learn(
+        self,
+        rays: Rays,
+        samples: Samples,
+        targets: Targets,
+        weights: np.ndarray,
+        field: Field,
+        rng: np.random.Generator,
+    ) -> tuple[Arrays, dict[str, float]]:
+        step = int(self.state["occupancy_steps"][0])
+        self.state["occupancy_steps"] += 1
+        if step % self.settings.update_every == 0:
+            density = self.state["occupancy"].reshape(-1)
+            if step < WARM_UP:
+                cells = np.arange(len(density))
+            else:
+                cells = rng.choice(len(density), len(density) // 2, replace=False)
+            inside = np.stack(np.unravel_index(cells, self.state["occupancy"].shape), axis=1)
+            x = (inside + rng.random(inside.shape)) / self.state["occupancy"].shape
+            density *= np.float32(self.settings.decay)
+            density[cells] = np.maximum(density[cells], field.density(self.box.expand(x)))
+        return {}, {}
+
+
+class TorchOccupancySampler(OccupancySampler):
+    """The same marched in torch, on any device: the readable reference of the kernel."""
+
+    def __init__(self, settings: OccupancySettings, box: SceneBox, device: str) -> None:
+        super().__init__(settings, box)
+        self.device = torch.device(device)
+
+    def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
+        s, density = self.settings, torch.from_numpy(self.state["occupancy"]).to(self.device)
+        origins, directions, shift = (
+            torch.from_numpy(a).to(self.device) for a in (rays.origins, rays.directions, jitter)
+        )
+        edges = rendering.first_edges(s.near, s.far, s.turn, shift, s.candidates)
+        x = self.box.contract_tensor(middle_points(origins, directions, edges[:, :-1], edges[:, 1:]))
+        size = torch.tensor(density.shape, device=self.device)
+        cells = torch.minimum((x * size).long().clamp(min=0), size - 1)
+        found = density[tuple(cells.unbind(-1))]
+        threshold = min(s.occupied, density.mean().item())
+        starts, ends = rendering.occupied_bins(edges, found, threshold, s.reach, shift, s.samples)
+        return Samples(starts.cpu().numpy(), ends.cpu().numpy())

@@ -1,0 +1,141 @@
+"""Proposal sampling (section 3.2, after Barron et al. 2022): small densities foresee where the field is opaque."""
+
+import numpy as np
+import torch
+
+from autonerf_lab.nerf import rendering
+from autonerf_lab.nerf.bundles import Arrays, Rays, Samples, Targets
+from autonerf_lab.nerf.encodings import HashGrid, hash_encode
+from autonerf_lab.nerf.fields.hash_field import TABLE_START, Buffers, Encoder, he_uniform, transposed
+from autonerf_lab.nerf.fields.torch_field import gradients_of, middle_points, tensors
+from autonerf_lab.nerf.kernels import proposals, volume
+from autonerf_lab.nerf.kernels.blocks import CHUNKS
+from autonerf_lab.nerf.model import Field
+from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.settings import ProposalSettings
+
+
+def _start(settings: ProposalSettings, box: SceneBox, rng: np.random.Generator) -> tuple[list[HashGrid], dict]:
+    """The layout and the initial values of each round's network."""
+    s = settings
+    grids = [
+        HashGrid.build(box.size, s.coarse, s.proposal_fine, s.proposal_levels, s.proposal_log2_entries)
+        for _ in s.proposal_samples
+    ]
+    values = {}
+    for k, grid in enumerate(grids):
+        values[f"proposal_{k}_0"] = he_uniform((s.proposal_hidden, 2 * s.proposal_levels), rng)
+        values[f"proposal_{k}_1"] = he_uniform((4, s.proposal_hidden), rng)  # the first row is the log density
+        values[f"proposal_{k}_table"] = rng.uniform(-TABLE_START, TABLE_START, (grid.entries, 2)).astype(np.float32)
+    return grids, values
+
+
+class ProposalSampler:
+    """Rounds of proposal networks on this machine's cores, each placing the bins of the next.
+
+    Args:
+        settings: bins of each round, sizes of the networks, loss weight.
+        box: where the scene is.
+        rng: initial values.
+    """
+
+    def __init__(self, settings: ProposalSettings, box: SceneBox, rng: np.random.Generator) -> None:
+        self.settings = settings
+        grids, self._values = _start(settings, box, rng)
+        self.parameters: Arrays = dict(self._values)
+        self.state = {"proposal_steps": np.zeros(1, np.int64)}
+        self._encoders = [Encoder(grid, box, self._values[f"proposal_{k}_table"]) for k, grid in enumerate(grids)]
+        self._buffer = Buffers()
+
+    def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
+        s, count = self.settings, len(rays)
+        edges = self._buffer("edges 0", count, s.proposal_samples[0] + 1)
+        volume.first_edges(np.float32(s.near), np.float32(s.far), np.float32(s.turn), jitter, edges)
+        rounds = []
+        for k, following in enumerate((*s.proposal_samples[1:], s.samples)):
+            samples = edges.shape[1] - 1
+            x, enc = self._encoders[k](rays, np.float32(0.5) * (edges[:, 1:] + edges[:, :-1]))
+            weights, raw = self._buffer(f"weights {k}", count, samples), self._buffer(f"raw {k}", count, samples)
+            proposals.propose(self._matrices(k), enc, edges, weights, raw)
+            rounds.append((x, enc, edges, weights, raw))
+            finer = self._buffer(f"edges {k + 1}", count, following + 1)
+            volume.resample(edges, weights, jitter, np.float32(s.padding / samples), finer)
+            edges = finer
+        return Samples.between(edges, (edges, rounds))
+
+    def learn(
+        self,
+        rays: Rays,
+        samples: Samples,
+        targets: Targets,
+        weights: np.ndarray,
+        field: Field,
+        rng: np.random.Generator,
+    ) -> tuple[Arrays, dict[str, float]]:
+        if not _its_turn(self.state, self.settings):
+            return {}, {}
+        fine_edges, rounds = samples.record
+        gradients: Arrays = {}
+        scale, total = np.float32(self.settings.interlevel_weight / len(rays)), 0.0
+        for k, (x, enc, edges, coarse_weights, raw) in enumerate(rounds):
+            matrices, sums = self._matrices(k), np.zeros(CHUNKS)
+            parts = tuple(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices)
+            proposals.propose_backward(
+                matrices, transposed(matrices), parts, enc, edges, coarse_weights, raw, fine_edges, weights, scale, sums
+            )
+            gradients[f"proposal_{k}_0"], gradients[f"proposal_{k}_1"] = (part.sum(axis=0) for part in parts)
+            gradients[f"proposal_{k}_table"] = self._encoders[k].table_gradient(x, enc)
+            total += float(sums.sum() / len(rays))
+        return gradients, {"interlevel": total}
+
+    def _matrices(self, k: int) -> tuple[np.ndarray, ...]:
+        return self._values[f"proposal_{k}_0"], self._values[f"proposal_{k}_1"]
+
+
+class TorchProposalSampler:
+    """The same by autograd, on any device: the readable reference of the kernels."""
+
+    def __init__(self, settings: ProposalSettings, box: SceneBox, rng: np.random.Generator, device: str) -> None:
+        self.settings, self.box, self.device = settings, box, torch.device(device)
+        self.grids, values = _start(settings, box, rng)
+        self.parameters: Arrays = tensors(values, device)
+        self.state = {"proposal_steps": np.zeros(1, np.int64)}
+
+    def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
+        s, p = self.settings, self.parameters
+        shift = torch.from_numpy(jitter).to(self.device)
+        rays_o, rays_d = (torch.from_numpy(a).to(self.device) for a in (rays.origins, rays.directions))
+        edges = rendering.first_edges(s.near, s.far, s.turn, shift, s.proposal_samples[0])
+        rounds = []
+        for k, following in enumerate((*s.proposal_samples[1:], s.samples)):
+            x = self.box.contract_tensor(middle_points(rays_o, rays_d, edges[:, :-1], edges[:, 1:])).flatten(0, 1)
+            features = hash_encode(x, p[f"proposal_{k}_table"], self.grids[k])
+            hidden = torch.relu(features @ p[f"proposal_{k}_0"].T)
+            raw = (hidden @ p[f"proposal_{k}_1"][0]).view(len(rays), -1)
+            weights = rendering.weights_from_density(rendering.density_from_raw(raw), edges[:, :-1], edges[:, 1:])
+            rounds.append((edges, weights))
+            edges = rendering.resample(edges, weights, shift, s.padding / weights.shape[1], following)
+        return Samples.between(edges.cpu().numpy(), (edges, rounds))
+
+    def learn(
+        self,
+        rays: Rays,
+        samples: Samples,
+        targets: Targets,
+        weights: np.ndarray,
+        field: Field,
+        rng: np.random.Generator,
+    ) -> tuple[Arrays, dict[str, float]]:
+        if not _its_turn(self.state, self.settings):
+            return {}, {}
+        fine_edges, rounds = samples.record
+        fine = torch.from_numpy(weights).to(self.device)
+        loss = torch.stack([rendering.interlevel_loss(e, w, fine_edges, fine).mean() for e, w in rounds]).sum()
+        return gradients_of(self.settings.interlevel_weight * loss, self.parameters), {"interlevel": loss.item()}
+
+
+def _its_turn(state: dict[str, np.ndarray], settings: ProposalSettings) -> bool:
+    """Every step of the first tenth, then every ``proposal_every``-th: what they copy changes ever more slowly."""
+    step = int(state["proposal_steps"][0])
+    state["proposal_steps"] += 1
+    return step < settings.steps // 10 or step % settings.proposal_every == 0
