@@ -128,6 +128,8 @@ def test_bad_input(walk: Trajectory) -> None:
         fit(walk, "nerfacto", preset="smoke")
     with pytest.raises(UnknownNameError, match="smoke"):
         fit(walk, preset="quick")
+    with pytest.raises(DataError, match="the class 16"):
+        fit(replace(walk, semantics=np.full(walk.rgb.shape[:3], 16, np.uint8)), preset="smoke", progress=False)
     with pytest.raises(DataError, match="no depth"):
         fit(walk, settings=replace(SETTINGS_SMALL, depth_weight=0.1), progress=False)
     still = Trajectory(walk.poses[:1], walk.rgb[:1], None, None, CAMERA)

@@ -114,6 +114,8 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
     """
     if len(data) < 2 or np.ptp(data.poses, axis=0).max() < 1e-6:
         raise DataError("cannot learn a scene from one view: the trajectory needs at least two different poses")
+    if data.semantics is not None and (most := max(int(layer.max()) for layer in data.semantics)) >= NUM_CLASSES:
+        raise DataError(f"the semantics hold the class {most}; classes are 0 to {NUM_CLASSES - 1}")
     if settings.depth_weight and data.depths is None:
         raise DataError("depth_weight is set, but the data has no depth; set it to 0, or keep depth on the walk")
     if data.metric:

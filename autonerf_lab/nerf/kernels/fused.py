@@ -98,7 +98,7 @@ def _cross_entropy(logits, labels, first, scale, d_logits):
         label = labels[first + r]
         for k in range(classes):
             d_logits[k, r] = ZERO
-        if label < 0:
+        if label < 0 or label >= classes:  # of a field without classes, none is right
             continue
         peak, total = logits[0, r], ZERO
         for k in range(classes):
