@@ -135,7 +135,7 @@ def test_bad_input(walk: Trajectory) -> None:
     still = Trajectory(walk.poses[:1], walk.rgb[:1], None, None, CAMERA)
     with pytest.raises(DataError, match="one view"):
         fit(still, preset="smoke", progress=False)
-    with pytest.raises(ValueError, match="multiple of 8"):
+    with pytest.raises(ValueError, match="multiple of 16"):
         Settings(rays=1001)
 
 

@@ -15,7 +15,7 @@ Arrays = dict[str, Any]  # name -> Array
 
 @dataclass(frozen=True)
 class Rays:
-    """R rays, world frame; R is a multiple of 8 wherever fields and samplers see them."""
+    """R rays, world frame; R is a multiple of 16 wherever fields and samplers see them."""
 
     origins: np.ndarray  # (R, 3) float32, metres
     directions: np.ndarray  # (R, 3) float32, unit

@@ -10,7 +10,7 @@ class Settings:
     """Losses, schedule, and where the world is. Lengths in metres."""
 
     steps: int = 1100
-    rays: int = 3072  # a step; a multiple of 8
+    rays: int = 3072  # a step; a multiple of 16
     near: float = 0.05
     far: float = 16.0
     turn: float = 4.0  # half of the first bins lie in front of this distance (d_s of the paper)
