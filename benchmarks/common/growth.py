@@ -113,7 +113,7 @@ def draw_growth(rows: list[dict[str, Any]], goal: float, horizon: float, path: P
         ax.set(xlabel=label, title=fixed)
         ax.grid(alpha=0.3)
         if missed:
-            ax.legend(frameon=False)
+            ax.legend(loc="lower right")
     axes[0].set_ylim(0, 1.05 * max(row["seconds"] or horizon for row in rows))
     axes[0].set_ylabel(f"seconds of training to {goal:g} dB")
     figure.savefig(path, dpi=110)
