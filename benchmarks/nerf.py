@@ -43,7 +43,7 @@ SIDE = 2048  # of the matrices whose product says how fast this machine multipli
 PANELS = {
     "psnr": "PSNR [dB]",
     "per_class_accuracy": "per-class accuracy [%]",
-    "depth_median_error_m": "depth error [m]",
+    "depth_median_error_m": "median depth error [m]",
 }
 
 
