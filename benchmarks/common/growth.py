@@ -1,0 +1,119 @@
+"""How the seconds that a field needs grow with the apartment and with the number of photographs."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from common.output import write_csv
+from common.training import Stopwatch, compile_kernels, in_fresh_process, in_training
+from common.views import floor_area, read_views, write_views
+
+from autonerf_lab.evaluators.rendering import psnr
+from autonerf_lab.nerf import fit
+from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
+from autonerf_lab.nerf.settings import Settings
+from autonerf_lab.scenes.apartment import generate_spec
+
+GOAL = 27.0  # dB
+EVERY = 4.0  # seconds of training between two looks
+COUNTS = (100, 200, 400, 600, 1200)
+AXES = {"area": ("area_m2", "floor area [m²]"), "views": ("views", "training views")}
+
+
+class ReachedError(Exception):
+    """There is no need to train on."""
+
+
+def seconds_to(folder: Path, settings: Settings, goal: float, horizon: float, count: int) -> dict[str, Any]:
+    """Train on the first ``count`` views until the mean PSNR of the test views is ``goal`` dB.
+
+    The learning rate is that of one schedule for all, about ``horizon`` seconds long, whether it is needed or not: a
+    schedule made for the answer would arrive earlier.
+
+    Returns:
+        ``seconds``, linear between two looks, None if it was not reached; ``psnr``, the best that was seen.
+    """
+    train, test = read_views(folder, count)
+    compile_kernels(train, settings, "semantic-nerfacto")
+    seen = [(0.0, 0.0)]
+
+    def look(step: int, model: Any) -> None:
+        field = in_training(model, train)
+        images = [np.clip(field.render(c2w).rgb, 0, 1) for c2w in test.poses]
+        decibel = np.mean([psnr(image, truth / 255) for image, truth in zip(images, test.rgb, strict=True)])
+        seen.append((watch.seconds, float(decibel)))
+        if decibel >= goal:
+            raise ReachedError
+
+    # more marks than the schedule has: on a slow day it takes longer than planned
+    watch = Stopwatch(tuple(np.arange(EVERY, 4 * horizon, EVERY)), look)
+    seconds = None
+    try:
+        fit(train, settings=settings, progress=False, callback=watch)
+    except ReachedError:
+        (t0, before), (t1, after) = seen[-2:]
+        seconds = t0 + (t1 - t0) * (goal - before) / (after - before)
+    return {"seconds": seconds, "psnr": max(decibel for _, decibel in seen)}
+
+
+def spread_apartments(count: int, seeds: int) -> list[str]:
+    """Generated apartments, the nearest to floor areas evenly spread over all there are: 40 to 140 m2."""
+    areas = {f"apartment-{seed}": floor_area(generate_spec(seed)) for seed in range(seeds)}
+    wanted = np.linspace(40, 140, count)
+    return list(dict.fromkeys(min(areas, key=lambda name: abs(areas[name] - area)) for area in wanted))
+
+
+def growth(options: argparse.Namespace, step_ms: float, folder: Path) -> dict[str, Any]:
+    """Measure, print, write ``growth.csv`` and ``growth.png``; returns the figures of the JSON."""
+    scenes = spread_apartments(2, 6) if options.quick else spread_apartments(6, 60)
+    counts = (50, 150) if options.quick else COUNTS
+    goal, horizon = (15.0 if options.quick else GOAL), options.growth_seconds
+    settings = replace(SETTINGS["fast"], steps=round(1000 * horizon / step_ms))
+    print(f"Seconds to {goal:g} dB within a schedule of {settings.steps} steps, planned as {horizon:g} s")
+    rows = []
+    studies = [("area", name, options.views) for name in scenes]
+    studies += [("views", options.scenes[0], count) for count in counts]
+    areas: dict[str, float] = {}
+    for study, name, count in studies:
+        path = folder / f"{study}-{name}"
+        if not path.exists():  # fewer views are the first of more
+            most = max(counts) if study == "views" else count
+            made = in_fresh_process(options.threads, write_views, name, path, most, options.test_views)
+            areas[name] = made["area_m2"]
+        found = in_fresh_process(options.threads, seconds_to, path, settings, goal, horizon, count)
+        found = {key: value and round(value, 2) for key, value in found.items()}
+        rows.append({"study": study, "scene": name, "area_m2": round(areas[name], 1), "views": count, **found})
+        reached = "not reached" if found["seconds"] is None else f"{found['seconds']:.1f} s"
+        print(f"  {name}, {areas[name]:.0f} m2, {count} views: {reached}, best {found['psnr']:.2f} dB", flush=True)
+    write_csv(options.out / "growth.csv", rows)
+    draw_growth(rows, goal, horizon, options.out / "growth.png")
+    figures: dict[str, Any] = {"goal_db": goal, "horizon_s": horizon}
+    for study, (key, _) in AXES.items():
+        figures[f"seconds_by_{study}"] = [[row[key], row["seconds"]] for row in rows if row["study"] == study]
+    return figures
+
+
+def draw_growth(rows: list[dict[str, Any]], goal: float, horizon: float, path: Path) -> None:
+    """Seconds over area and over views; a cross at the top is a fit that did not get there."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(10, 3.8), sharey=True, layout="constrained")
+    for ax, (study, (key, label)) in zip(axes, AXES.items(), strict=True):
+        here = [row for row in rows if row["study"] == study]
+        there = [row for row in here if row["seconds"] is not None]
+        ax.plot([row[key] for row in there], [row["seconds"] for row in there], "o-")
+        missed = [row for row in here if row["seconds"] is None]
+        ax.plot([row[key] for row in missed], [horizon] * len(missed), "x", color="tab:red", label="not reached")
+        fixed = f"{here[0]['views']} views" if study == "area" else f"{here[0]['scene']}, {here[0]['area_m2']:.0f} m²"
+        ax.set(xlabel=label, title=fixed)
+        ax.grid(alpha=0.3)
+        if missed:
+            ax.legend(loc="lower right")
+    axes[0].set_ylim(0, 1.05 * max(row["seconds"] or horizon for row in rows))
+    axes[0].set_ylabel(f"seconds of training to {goal:g} dB")
+    figure.savefig(path, dpi=110)

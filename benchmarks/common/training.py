@@ -1,0 +1,170 @@
+"""Trainings as the benchmarks measure them: single steps side by side, and whole fits that are judged on the way."""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import torch
+from common.views import Recorded, read_views
+
+from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.dataset import Dataset
+from autonerf_lab.evaluators.rendering import evaluate_rendering
+from autonerf_lab.nerf import fit
+from autonerf_lab.nerf.bundles import assign, to_numpy
+from autonerf_lab.nerf.field import NeRF
+from autonerf_lab.nerf.model import Model
+from autonerf_lab.nerf.models import model_spec
+from autonerf_lab.nerf.optimizer import Adam
+from autonerf_lab.nerf.pixels import Pixels
+from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.settings import Settings
+from autonerf_lab.nerf.visibility import VOXEL, Visibility
+from autonerf_lab.pipeline import peak_gb
+from autonerf_lab.trajectory import Trajectory
+
+NOTHING_SEEN = Visibility(np.zeros(3), VOXEL, np.zeros((1, 1, 1), bool))
+
+
+def in_fresh_process(threads: int, function: Callable[..., Any], *args: Any, **options: Any) -> Any:
+    """What a function of a module returns in a process of its own, on so many threads.
+
+    Memory that was used before does not count to its peak, provided that the caller has stayed small: what a process
+    starts with is what its parent holds.
+    """
+    with ProcessPoolExecutor(1, get_context("spawn"), set_threads, (threads,)) as pool:
+        return pool.submit(function, *args, **options).result()
+
+
+def set_threads(count: int) -> None:
+    """For kernels and torch alike."""
+    numba.set_num_threads(count)
+    torch.set_num_threads(count)
+
+
+class Trainer:
+    """The training of a model, one step at a time."""
+
+    def __init__(self, pixels: Pixels, settings: Settings, model: str = "semantic-nerfacto", device: str | None = None):
+        self.pixels, self.settings = pixels, settings
+        box = SceneBox.around(pixels.poses[:, :3, 3].astype(np.float64), settings.margin, settings.shell)
+        self.rng = np.random.default_rng(0)
+        self.model: Model = model_spec(model).build(settings, box, len(pixels.poses), NUM_CLASSES, self.rng, device)
+        self.optimizer = Adam(self.model.parameters)
+
+    def step(self) -> dict[str, float]:
+        """Draw pixels, find the gradients, update the parameters; returns the losses."""
+        chosen = self.pixels.draw(self.settings.rays, self.rng)
+        rays, targets = self.pixels.rays(chosen), self.pixels.targets(chosen)
+        gradients, losses = self.model.train_step(rays, targets, self.rng)
+        rates = {name: self.settings.learning_rate * self.model.rate(name) for name in gradients}
+        self.optimizer.step(gradients, rates)
+        return losses
+
+    def take_over(self, other: "Trainer") -> None:
+        """Go on from where another training of the same model is, with the same random numbers."""
+        mine, theirs = self.optimizer, other.optimizer
+        groups = [(self.model.state, other.model.state)]
+        groups += [(getattr(mine, key), getattr(theirs, key)) for key in ("parameters", "first", "second")]
+        for target, source in groups:
+            for name in target:
+                assign(target[name], to_numpy(source[name]))
+        mine.steps.update(theirs.steps)
+        self.rng.bit_generator.state = other.rng.bit_generator.state
+
+    def active_share(self) -> float:
+        """Share of the samples whose weight is worth going through the heads and back."""
+        rays = self.pixels.rays(self.pixels.draw(self.settings.rays, np.random.default_rng(0)))
+        samples = self.model.sampler.sample(rays, np.full(len(rays), 0.5, np.float32))
+        return float((self.model.field.render(rays, samples).weights > self.settings.min_weight).mean())
+
+
+def pixels_of(views: Trajectory) -> Pixels:
+    """Everything there is to learn from."""
+    return Pixels(Dataset.of(views))
+
+
+def interleaved(steps: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:
+    """Milliseconds of each, measured by turns: whatever else the machine does meets all of them.
+
+    Args:
+        steps: what is measured, and how often in a row; enough to hold what happens every few steps only.
+        rounds: turns of each, of which the median counts.
+    """
+    times: dict[str, list[float]] = {name: [] for name in steps}
+    for _ in range(rounds):
+        for name, (step, repeats) in steps.items():
+            started = time.perf_counter()
+            for _ in range(repeats):
+                step()
+            times[name].append(1000 * (time.perf_counter() - started) / repeats)
+    return {name: float(np.median(values)) for name, values in times.items()}
+
+
+class Stopwatch:
+    """Seconds of a training, without what is done at certain moments of it: the ``callback`` of a fit.
+
+    Args:
+        marks: seconds, in order.
+        look: called with the step and the model at each mark, while the clock stands still.
+    """
+
+    def __init__(self, marks: tuple[float, ...], look: Callable[[int, Model], None]) -> None:
+        self.marks, self.look = list(marks), look
+        self.seconds, self.step = 0.0, 0
+        self.mark: float | None = None  # the one that is looked at
+        self._started, self._paused = time.perf_counter(), 0.0
+
+    def __call__(self, step: int, model: Model) -> None:
+        arrived = time.perf_counter()
+        self.seconds, self.step = arrived - self._started - self._paused, step
+        while self.marks and self.marks[0] <= self.seconds:
+            self.mark = self.marks.pop(0)
+            if not self.marks or self.marks[0] > self.seconds:  # of marks that one step passes, the last
+                self.look(step, model)
+        self._paused += time.perf_counter() - arrived
+
+
+def compile_kernels(train: Trajectory, settings: Settings, model: str) -> None:
+    """So that no fit that is measured pays for it."""
+    fit(train, model, settings=replace(settings, steps=2, seen_rays=4096), progress=False)
+
+
+def fit_and_score(
+    folder: Path, settings: Settings, marks: tuple[float, ...] = (), model: str = "semantic-nerfacto", seed: int = 0,
+) -> dict[str, Any]:  # fmt: skip
+    """Fit a model to the views of a folder and judge it on the test views, at marks and at the end.
+
+    Returns:
+        ``rows``, one a moment: ``mark_s`` (None at the end), ``seconds`` and ``step`` of the training, and the scores;
+        ``render_fps``, 128x128; ``peak_gb`` of the process.
+    """
+    train, test = read_views(folder, depth=settings.depth_weight > 0)
+    compile_kernels(train, settings, model)
+    rows: list[dict[str, Any]] = []
+    sim = Recorded(test)
+
+    def judge(field: NeRF, mark: float | None) -> None:
+        scores = evaluate_rendering(field, sim, test.poses).values
+        rows.append({"mark_s": mark, "seconds": watch.seconds, "step": watch.step, **scores})
+
+    watch = Stopwatch(marks, lambda step, model: judge(in_training(model, train), watch.mark))
+    nerf = fit(train, model, settings=settings, seed=seed, progress=False, callback=watch)
+    judge(nerf, None)
+    times = []
+    for c2w in test.poses:
+        started = time.perf_counter()
+        nerf.render(c2w)
+        times.append(time.perf_counter() - started)
+    return {"rows": rows, "render_fps": 1 / float(np.median(times)), "peak_gb": peak_gb()}
+
+
+def in_training(model: Model, train: Trajectory) -> NeRF:
+    """What an unfinished model shows."""
+    return NeRF(model, train.poses, train.intrinsics, NOTHING_SEEN, train.meta)

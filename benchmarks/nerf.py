@@ -1,0 +1,236 @@
+"""How fast and how well Semantic Nerfacto learns on two cores, beside the same in plain torch and beside the limit.
+
+    python benchmarks/nerf.py                                       # every development scene: about an hour
+    python benchmarks/nerf.py --scenes dev-0 --seconds 5 --no-fast  # a minute or two
+    python benchmarks/nerf.py --quick                               # the same, with fewer views
+    python benchmarks/nerf.py --growth                              # seconds to 27 dB, over area and over views
+
+A step: the fused kernels, and the same model by vectorised torch on the same samples and threads, measured by turns;
+required is a tenth of torch's time. The limit: the operations of the architecture (benchmarks/common/operations.py has
+the formulas) at the rate of a large matrix product in the same run; required is three times that.
+
+Quality: views taken uniformly over the scene, no depth; the fit of the preset, with its fixed number of steps, and one
+fit for each of ``--seconds``, whose steps are chosen by the step measured before: learning rates follow a schedule, so
+that a fit cut short is not a short fit. Seconds are those of training; the clock stands still while a field is judged.
+Beside them the nearest training view, as a yardstick. Each fit has a process of its own.
+
+Prints tables and, as the last line, one JSON object; ``--out`` gets it too, with a CSV and a figure.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from common.growth import growth
+from common.operations import describe, step_operations, total_operations
+from common.output import mean_of, write_csv
+from common.training import Trainer, fit_and_score, in_fresh_process, interleaved, pixels_of
+from common.views import read_views, write_views
+
+from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
+from autonerf_lab.nerf.settings import ProposalSettings
+from autonerf_lab.scenes import scene_names
+
+MARKS = (5, 10, 20, 40, 60, 120, 300)  # seconds of training at which a field is judged
+SIDE = 2048  # of the matrices whose product says how fast this machine multiplies
+PANELS = {
+    "psnr": "PSNR [dB]",
+    "per_class_accuracy": "per-class accuracy [%]",
+    "depth_median_error_m": "median depth error [m]",
+}
+
+
+def measure_step(folder: Path, settings: ProposalSettings, rounds: int, warm_up: int) -> dict[str, float]:
+    """Milliseconds of a step by kernels and by torch, from the same point of the training, and the limit."""
+    pixels = pixels_of(read_views(folder)[0])
+    kernels, reference = Trainer(pixels, settings), Trainer(pixels, settings, device="cpu")
+    for _ in range(warm_up):
+        kernels.step()
+    reference.take_over(kernels)
+    everywhere = Trainer(pixels, replace(settings, min_weight=0.0))
+    everywhere.take_over(kernels)
+    active = kernels.active_share()
+    # the random numbers are the same, so that the first losses have to be, up to the samples that kernels leave out
+    first = {name: t.step()["mse"] for name, t in (("all", everywhere), ("torch", reference))}
+    a, b = torch.randn(SIDE, SIDE), torch.randn(SIDE, SIDE)
+    product = torch.empty(SIDE, SIDE)
+    products: list[float] = []
+
+    def multiply() -> None:
+        started = time.perf_counter()
+        torch.mm(a, b, out=product)
+        products.append(1000 * (time.perf_counter() - started))
+
+    steps = {"kernels": kernels.step, "all": everywhere.step, "torch": reference.step, "multiply": multiply}
+    repeats = {"kernels": 10, "all": 5, "torch": 1, "multiply": 4}
+    times = interleaved({name: (step, repeats[name]) for name, step in steps.items()}, rounds)
+    rate = 2 * SIDE**3 / min(products)  # operations a millisecond
+    return {
+        "step_ms": times["kernels"],
+        "all_samples_step_ms": times["all"],
+        "reference_step_ms": times["torch"],
+        "limit_step_ms": total_operations(step_operations(settings, NUM_CLASSES)) / rate,
+        "active_limit_step_ms": total_operations(step_operations(settings, NUM_CLASSES, active)) / rate,
+        "gflops": rate / 1e6,
+        "active_share": active,
+        "mse_difference": abs(first["all"] / first["torch"] - 1),
+    }
+
+
+def print_step(found: dict[str, float], settings: ProposalSettings, threads: int) -> None:
+    """The measured step beside its reference and its limit."""
+    step = found["step_ms"]
+    print(f"A training step, {threads} threads: {settings.rays} rays x {settings.samples} samples")
+    print(f"  kernels                       {step:>9.1f} ms")
+    print(f"  kernels, min_weight 0         {found['all_samples_step_ms']:>9.1f} ms")
+    print(f"  torch                         {found['reference_step_ms']:>9.1f} ms")
+    print(f"  ratio of torch to kernels     {found['reference_step_ms'] / step:>9.1f}    (required: at least 10)")
+    print(f"  first loss of both differs by {found['mse_difference']:>9.1e}    (relative, min_weight 0)")
+    print(describe(settings, NUM_CLASSES))
+    print(f"  float32 product of {SIDE}x{SIDE} matrices: {found['gflops']:.0f} GFLOP/s")
+    ratio = step / found["limit_step_ms"]
+    print(f"  limit {found['limit_step_ms']:.1f} ms, the step takes {ratio:.1f} times that (required: at most 3)")
+    print(
+        f"  {100 * found['active_share']:.0f} % of the samples have weight; the kernels spare the others the heads and "
+        f"the way back, so that their own limit is {found['active_limit_step_ms']:.1f} ms",
+        flush=True,
+    )
+
+
+def learn_scene(folder: Path, fits: dict[str, int], step_ms: float, threads: int) -> dict[str, dict]:
+    """Every fit of one scene by name; the last mark comes well before the end, which is judged anyway."""
+    found = {}
+    for name, steps in fits.items():
+        marks = tuple(mark for mark in MARKS if mark < 0.9 * steps * step_ms / 1000)
+        settings = replace(SETTINGS["fast"], steps=steps)
+        found[name] = in_fresh_process(threads, fit_and_score, folder, settings, marks)
+        last = found[name]["rows"][-1]
+        print(
+            f"  {name:<8}{last['step']:>7} steps {last['seconds']:>7.1f} s  PSNR {last['psnr']:.2f} dB  per-class "
+            f"accuracy {last['per_class_accuracy']:.1f} %  depth error {100 * last['depth_median_error_m']:.1f} cm",
+            flush=True,
+        )
+    return found
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Quality over seconds of training, a line a fit: mean over scenes, the band from the worst to the best."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, len(PANELS), figsize=(13, 3.8), layout="constrained")
+    scenes = sorted({row["scene"] for row in rows})
+    for ax, (key, label) in zip(axes, PANELS.items(), strict=True):
+        yardstick = [row for row in rows if row["fit"] == "nearest view"]
+        if key != "depth_median_error_m":
+            ax.axhline(mean_of(yardstick, key), color="grey", ls=":", label="nearest training view")
+        for fit in dict.fromkeys(row["fit"] for row in rows if row["fit"] != "nearest view"):
+            here = [row for row in rows if row["fit"] == fit]
+            moments = [
+                [row for row in here if row["mark_s"] == mark] for mark in dict.fromkeys(r["mark_s"] for r in here)
+            ]
+            values = [[row[key] for row in moment] for moment in moments]
+            seconds = [mean_of(moment, "seconds") for moment in moments]
+            (line,) = ax.plot(seconds, [np.mean(v) for v in values], "o-", ms=4, label=f"fit: {fit}")
+            if len(scenes) > 1:
+                ax.fill_between(
+                    seconds, [min(v) for v in values], [max(v) for v in values], color=line.get_color(), alpha=0.12
+                )
+        ax.set(xscale="log", xlabel="seconds of training", ylabel=label)
+        ticks = [mark for mark in MARKS if mark <= 1.1 * max(row["seconds"] or 0 for row in rows)]
+        ax.set_xticks(ticks, [str(tick) for tick in ticks])
+        ax.minorticks_off()
+        ax.grid(alpha=0.3)
+    axes[2].set(yscale="log")
+    axes[2].set_yticks([0.02, 0.05, 0.1, 0.2, 0.5, 1.0], ["0.02", "0.05", "0.1", "0.2", "0.5", "1"])
+    axes[2].yaxis.set_minor_formatter("")
+    axes[0].legend(frameon=False, fontsize=8)
+    figure.suptitle(f"{', '.join(scenes)}: mean and range of held-out views" if len(scenes) > 1 else scenes[0])
+    figure.savefig(path, dpi=110)
+
+
+def quality(
+    options: argparse.Namespace, step: dict[str, float], views: dict[str, Path], nearest: dict[str, dict]
+) -> dict:
+    """Fit every scene; write ``nerf.csv`` and ``nerf.png``; returns the figures of the JSON."""
+    fits = {} if options.no_fast else {"fast": SETTINGS["fast"].steps}
+    fits |= {f"{seconds:g} s": round(1000 * seconds / step["step_ms"]) for seconds in options.seconds}
+    rows: list[dict[str, Any]] = []
+    processes = []
+    for scene, folder in views.items():
+        print(f"{scene}, nearest view {nearest[scene]['psnr']:.2f} dB")
+        scores = {key: value for key, value in nearest[scene].items() if key not in ("area_m2", "lpips")}
+        scores["depth_median_error_m"] = None  # the training views are kept without depth
+        rows.append({"scene": scene, "fit": "nearest view", "mark_s": None, "seconds": None, "step": None} | scores)
+        for name, result in learn_scene(folder, fits, step["step_ms"], options.threads).items():
+            processes.append(result)
+            judged = [{key: value for key, value in row.items() if key != "lpips"} for row in result["rows"]]
+            rows += [{"scene": scene, "fit": name} | row for row in judged]
+    write_csv(options.out / "nerf.csv", rows)
+    draw(rows, options.out / "nerf.png")
+    ends = [row for row in rows if row["mark_s"] is None]
+    minute = [row for row in ends if row["fit"] == "60 s"]
+    return {
+        "psnr_60s": mean_of(minute, "psnr"),
+        "per_class_accuracy_60s": mean_of(minute, "per_class_accuracy"),
+        "depth_median_error_m_60s": mean_of(minute, "depth_median_error_m"),
+        "psnr_300s": mean_of([row for row in ends if row["fit"] == "300 s"], "psnr"),
+        "nearest_view_psnr": mean_of([row for row in ends if row["fit"] == "nearest view"], "psnr"),
+        "render_fps": mean_of(processes, "render_fps"),
+        "peak_gb": max((p["peak_gb"] for p in processes if p["peak_gb"]), default=None),
+    }
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", nargs="+", default=scene_names("dev"))
+    parser.add_argument("--seconds", nargs="*", type=float, default=[60, 300], help="a fit for each")
+    parser.add_argument("--no-fast", action="store_true", help="without the fit of the preset's own number of steps")
+    parser.add_argument("--views", type=int, default=600, help="to train on, a scene")
+    parser.add_argument("--test-views", type=int, default=60)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--growth", action="store_true", help="seconds to 27 dB, instead of the fits")
+    parser.add_argument("--growth-seconds", type=float, default=180, help="the schedule of each fit of --growth")
+    parser.add_argument("--out", type=Path, default=Path("runs/bench-nerf"), help="folder of JSON, CSV and figure")
+    parser.add_argument("--quick", action="store_true", help="one scene, few views, five seconds: to see that it runs")
+    options = parser.parse_args()
+    if options.quick:
+        options.scenes, options.seconds, options.no_fast = options.scenes[:1], [5], True
+        options.views, options.test_views, options.growth_seconds = 150, 8, 6
+    return options
+
+
+def main() -> None:
+    options = arguments()
+    options.out.mkdir(parents=True, exist_ok=True)
+    settings = SETTINGS["fast"]
+    rounds, warm_up = (3, 30) if options.quick else (7, settings.steps // 4)
+    with tempfile.TemporaryDirectory() as folder:
+        views = {scene: Path(folder) / scene for scene in (options.scenes[:1] if options.growth else options.scenes)}
+        nearest = {
+            scene: in_fresh_process(options.threads, write_views, scene, path, options.views, options.test_views)
+            for scene, path in views.items()
+        }
+        step = in_fresh_process(options.threads, measure_step, views[options.scenes[0]], settings, rounds, warm_up)
+        print_step(step, settings, options.threads)
+        figures: dict[str, Any] = {key: step[key] for key in ("step_ms", "reference_step_ms", "limit_step_ms")}
+        figures |= (
+            growth(options, step["step_ms"], Path(folder)) if options.growth else quality(options, step, views, nearest)
+        )
+    figures = {key: round(value, 3) if isinstance(value, float) else value for key, value in figures.items()}
+    (options.out / ("growth.json" if options.growth else "nerf.json")).write_text(json.dumps(figures, indent=2) + "\n")
+    print(f"{options.out}/ has the figure and the numbers")
+    print(json.dumps(figures))
+
+
+if __name__ == "__main__":
+    main()
