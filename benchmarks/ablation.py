@@ -52,7 +52,7 @@ VARIATIONS = (
     Variation("24 samples", {"samples": 24}),
     Variation("16 samples", {"samples": 16}),
     Variation("12 samples", {"samples": 12}),
-    Variation("half the rays, twice the steps", {"rays": BASE.rays // 16 * 8, "steps": 2 * BASE.steps}),
+    Variation("half the rays, twice the steps", {"rays": BASE.rays // 32 * 16, "steps": 2 * BASE.steps}),
     Variation("twice the rays, half the steps", {"rays": 2 * BASE.rays, "steps": BASE.steps // 2}),
     Variation("finest cells 1 cm", {"fine": 0.01}),
     Variation("finest cells 2 cm", {"fine": 0.02}),

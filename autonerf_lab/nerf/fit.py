@@ -160,7 +160,7 @@ def _train(
 def _step(state: TrainingState, pixels: Pixels, rate: float) -> None:
     """One batch; a loss that is not finite stops everything before it reaches the parameters."""
     model = state.model
-    chosen = pixels.draw(model.settings.rays, state.rng)
+    chosen = pixels.draw(model.settings.rays, state.rng, model.settings.rays_by_class)
     gradients, losses = model.train_step(pixels.rays(chosen), pixels.targets(chosen), state.rng)
     broken = [name for name, value in losses.items() if not np.isfinite(value)]
     # whatever breaks in a table passes through the networks: looking at these is enough, and cheap

@@ -54,6 +54,9 @@ class Pixels:
         self.rgb = np.concatenate([image.reshape(-1, 3) for image in data.images])
         self.labels = _flat(data.semantics)
         self.depth = _flat(data.depths)
+        if self.labels is not None:
+            self._by_class = np.argsort(self.labels, kind="stable").astype(np.int32)
+            self._class_pixels = np.bincount(self.labels)
         tables: list[np.ndarray] = []
         self._table = np.zeros(len(data), np.int64)  # photographs of one camera share its directions
         known: dict[Intrinsics, int] = {}
@@ -70,9 +73,21 @@ class Pixels:
     def __len__(self) -> int:
         return len(self.rgb)
 
-    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """(count,) pixels, uniform over all of them."""
-        return rng.integers(len(self), size=count)
+    def draw(self, count: int, rng: np.random.Generator, by_class: float = 0.0) -> np.ndarray:
+        """(count,) pixels, uniform over all of them but for a share.
+
+        The share ``by_class`` is uniform within classes, and these are drawn by the square root of their pixels: a cup
+        is a pixel in ten thousand, and would hardly be met.
+        """
+        some = round(by_class * count) if self.labels is not None else 0
+        pixels = rng.integers(len(self), size=count)
+        if some:
+            ends = np.cumsum(self._class_pixels)
+            chance = np.cumsum(np.sqrt(self._class_pixels))
+            drawn = np.searchsorted(chance / chance[-1], rng.random(some), side="right")
+            within = (rng.random(some) * self._class_pixels[drawn]).astype(np.int64)
+            pixels[:some] = self._by_class[ends[drawn] - self._class_pixels[drawn] + within]
+        return pixels
 
     def rays(self, pixels: np.ndarray) -> Rays:
         """The rays of (R,) pixels, world frame, the field's units."""

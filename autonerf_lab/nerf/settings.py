@@ -9,15 +9,16 @@ from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS
 class Settings:
     """Losses, schedule, and where the world is. Lengths in metres."""
 
-    steps: int = 1100
-    rays: int = 3072  # a step; a multiple of 16
+    steps: int = 2800
+    rays: int = 1536  # a step; a multiple of 16
     near: float = 0.05
     far: float = 16.0
     turn: float = 4.0  # half of the first bins lie in front of this distance (d_s of the paper)
     margin: float = 1.5  # the box that is not squeezed reaches this far beyond the cameras
     shell: float = 0.25  # thickness of the shell that holds the rest of the world, in half sizes of the box
     view_dependent: bool = True  # whether colours depend on the direction they are seen from
-    semantic_weight: float = 0.1
+    semantic_weight: float = 0.02
+    rays_by_class: float = 0.2  # share of a step's rays that are drawn by class, so that small objects are met
     distortion_weight: float = 0.002
     depth_weight: float = 0.0  # of the error of the expected depth, a metre; above 0 the walk's depth is used
     refine_cameras: bool = False  # whether the poses are learned too, a 6-vector a camera
@@ -37,13 +38,13 @@ class HashSettings(Settings):
 
     samples: int = 16  # bins of a ray where the field is asked
     min_weight: float = 1e-3  # samples of less weight have no colour and no gradient
-    levels: int = 8
-    log2_entries: int = 17
+    levels: int = 10
+    log2_entries: int = 18
     coarse: float = 0.8  # cells of the hash grid
     fine: float = 0.02
     hidden: int = 64
     appearance: int = 0  # values learned for each training image
-    table_rate: float = 10.0  # the hash tables learn this many times faster: an entry is touched by few batches
+    table_rate: float = 3.0  # the hash tables learn this many times faster: an entry is touched by few batches
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -58,8 +59,8 @@ class HashSettings(Settings):
 class ProposalSettings(HashSettings):
     """The sampler of Semantic Nerfacto."""
 
-    proposal_samples: tuple[int, ...] = (48,)  # bins of each proposal round before the last one
-    proposal_every: int = 1  # after the first tenth of the training, proposals learn every so many steps
+    proposal_samples: tuple[int, ...] = (32,)  # bins of each proposal round before the last one
+    proposal_every: int = 2  # after the first tenth of the training, proposals learn every so many steps
     proposal_levels: int = 4
     proposal_log2_entries: int = 15
     proposal_fine: float = 0.06
@@ -92,6 +93,7 @@ class OccupancySettings(HashSettings):
 class SemanticNerfSettings(Settings):
     """Sizes of Semantic NeRF: the same network twice, coarse and fine."""
 
+    semantic_weight: float = 0.04
     far: float = 10.0
     turn: float = 10.0
     layers: int = 8

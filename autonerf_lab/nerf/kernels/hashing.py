@@ -96,9 +96,9 @@ def hash_encode(x, table, offsets, resolutions, masks, out):
         out: (B, 2 L, W) float32 with B W = N, written.
     """
     levels, blocks, width = resolutions.shape[0], out.shape[0], out.shape[2]
-    # a chunk stays on one level for a while, so that the level's table stays in the cache
-    per_chunk = max(1, 16384 // width)
-    chunks = (blocks + per_chunk - 1) // per_chunk
+    # a chunk stays on one level for a while, so that the level's table stays in the cache; they are even, for two threads
+    chunks = 2 * max(1, blocks * width // 32768)
+    per_chunk = (blocks + chunks - 1) // chunks
     for job in prange(chunks * levels):
         level, first = job % levels, (job // levels) * per_chunk
         rows, inside = np.empty((8, width), np.uint32), np.empty((3, width), np.float32)
@@ -122,7 +122,10 @@ def hash_encode_backward(x, d_out, offsets, resolutions, masks, d_table):
         d_table: (entries, 2) float32, added to.
     """
     levels, blocks, width = resolutions.shape[0], d_out.shape[0], d_out.shape[2]
-    for level in prange(levels):
+    half = (levels + 1) // 2
+    for job in prange(levels):
+        # every second level first: threads get runs of jobs, and coarse levels, which fit the cache, are quick
+        level = 2 * job if job < half else 2 * (job - half) + 1
         rows, inside = np.empty((8, width), np.uint32), np.empty((3, width), np.float32)
         entries = d_table[offsets[level] :]
         for block in range(blocks):

@@ -11,11 +11,11 @@ from autonerf_lab.nerf.settings import OccupancySettings
 
 SETTINGS = {
     "smoke": OccupancySettings(steps=120, rays=1024, levels=6, log2_entries=14, candidates=128),
-    "fast": OccupancySettings(),
+    "fast": OccupancySettings(steps=1800),
     "paper": OccupancySettings(
         steps=30_000,
         rays=4096,
-        semantic_weight=0.02,
+        rays_by_class=0.0,
         table_rate=1.0,
         min_weight=0.0,
         samples=128,

@@ -21,7 +21,7 @@ SETTINGS = {
         steps=450, rays=512, width=64, coarse_samples=24, fine_samples=32, learning_rate=5e-3, final_learning_rate=5e-4
     ),
     "paper": SemanticNerfSettings(
-        steps=200_000, rays=1024, semantic_weight=0.04, learning_rate=5e-4, final_learning_rate=7.9e-5, warmup=0.0
+        steps=200_000, rays=1024, rays_by_class=0.0, learning_rate=5e-4, final_learning_rate=7.9e-5, warmup=0.0
     ),
 }
 

@@ -10,12 +10,12 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import ProposalSettings
 
 SETTINGS = {
-    "smoke": ProposalSettings(steps=120, rays=1024, proposal_samples=(32,), levels=6, log2_entries=14),
+    "smoke": ProposalSettings(steps=120, rays=1024, levels=6, log2_entries=14),
     "fast": ProposalSettings(),
     "paper": ProposalSettings(
         steps=30_000,
         rays=4096,
-        semantic_weight=0.02,
+        rays_by_class=0.0,
         table_rate=1.0,
         min_weight=0.0,
         samples=48,
