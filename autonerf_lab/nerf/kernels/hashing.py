@@ -96,7 +96,7 @@ def hash_encode(x, table, offsets, resolutions, masks, out):
         out: (B, 2 L, W) float32 with B W = N, written.
     """
     levels, blocks, width = resolutions.shape[0], out.shape[0], out.shape[2]
-    # a chunk stays on one level for a while, so that the level's table stays in the cache; they are even, for two threads
+    # a chunk stays on one level for a while, so that the level's table stays in the cache; even, for two threads
     chunks = 2 * max(1, blocks * width // 32768)
     per_chunk = (blocks + chunks - 1) // chunks
     for job in prange(chunks * levels):
