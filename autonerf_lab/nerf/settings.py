@@ -80,11 +80,12 @@ class ProposalSettings(HashSettings):
 class OccupancySettings(HashSettings):
     """The sampler of Instant-NGP."""
 
+    distortion_weight: float = 0.02  # nothing else takes the fog in front of the cameras away
     samples: int = 24
     candidates: int = 256  # steps along a ray that ask the grid
     cell: float = 0.10  # of the occupancy grid
     update_every: int = 16  # steps between two updates of the grid
-    decay: float = 0.95  # of the grid's densities at each update
+    decay: float = 0.8  # of the grid's densities at each update: 0.95 would remember the first fog for a thousand steps
     occupied: float = 0.1  # density, per metre, from which a cell counts
     reach: float = 1.0  # metres of occupied space a ray goes through before it may stop
 

@@ -11,7 +11,7 @@ from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import OccupancySettings
 
-WARM_UP = 256  # steps in which the whole grid is asked at each update, later half of it
+WARM_UP = 256  # steps in which the whole grid is asked at each update, later an eighth of it
 
 
 class OccupancySampler:
@@ -31,7 +31,7 @@ class OccupancySampler:
         shape = np.maximum(np.ceil(box.size / settings.cell), 1).astype(np.int64)
         self.parameters: Arrays = {}
         self.state: dict[str, np.ndarray] = {
-            "occupancy": np.full(shape, 10 * settings.occupied, np.float32),  # density per metre
+            "occupancy": np.full(shape, settings.occupied, np.float32),  # density per metre
             "occupancy_steps": np.zeros(1, np.int64),
         }
 
@@ -63,7 +63,7 @@ class OccupancySampler:
             if step < WARM_UP:
                 cells = np.arange(len(density))
             else:
-                cells = rng.choice(len(density), len(density) // 2, replace=False)
+                cells = rng.choice(len(density), len(density) // 8, replace=False)
             inside = np.stack(np.unravel_index(cells, self.state["occupancy"].shape), axis=1)
             x = (inside + rng.random(inside.shape)) / self.state["occupancy"].shape
             density *= np.float32(self.settings.decay)
