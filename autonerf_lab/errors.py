@@ -23,6 +23,10 @@ class UnknownNameError(AutoNerfError, ValueError):
         super().__init__(f"unknown {kind} {name!r}; valid names: {', '.join(sorted(valid))}")
 
 
+class WrongTypeError(AutoNerfError, TypeError):
+    """An argument of another type than the one that is asked for."""
+
+
 class DataError(AutoNerfError, ValueError):
     """A file or folder that is missing, damaged, or not what the caller says it is."""
 

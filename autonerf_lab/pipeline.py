@@ -269,7 +269,7 @@ def _evaluate(work: Workspace) -> None:
         rows.save(work.run / f"yardsticks/{name}.json")
     print("the same tasks for the true geometry", flush=True)
     ceiling(scene, work.preset, config.seed).save(work.run / "yardsticks/ceiling.json")
-    draw_scores(work.run / "figures", work.nerf, scores.artifacts)
+    draw_scores(work.run / "figures", work.nerf, scene, scores.artifacts)
     scores.save(work.run / "scores.json")
 
 

@@ -31,7 +31,18 @@ def installed(group: str, builtin: Mapping[str, T], kind: type[T]) -> dict[str, 
             if not isinstance(value, kind):
                 raise TypeError(f"it is a {type(value).__name__}, not a {kind.__name__}")
             found[point.name] = value
-        except Exception as error:  # whatever a stranger's module raises when it is imported
+        except (Exception, SystemExit) as error:  # whatever a stranger's module raises when it is imported
             reason = f"{type(error).__name__}: {error}"
             warnings.warn(f"plug-in {point.name!r} ({point.value}) is left out: {reason}", PluginWarning, stacklevel=2)
     return found
+
+
+def package_of(group: str, name: str) -> str | None:
+    """The installed package that registers ``name`` under ``autonerf_lab.<group>``; None where none does.
+
+    Example:
+        >>> package_of("models", "nobody-registers-this") is None
+        True
+    """
+    packages = [point.dist.name for point in entry_points(group=f"autonerf_lab.{group}", name=name) if point.dist]
+    return min(packages, default=None)

@@ -59,7 +59,7 @@ def test_every_task_was_scored_beside_both_yardsticks(finished):
 
 def test_report_shows_every_section(finished):
     text = (finished[0] / "report.html").read_text()
-    for section in ("walk", "rendering", "maps", "planning", "pose_refinement", "mesh", "scores", "cost"):
+    for section in ("walk", "rendering", "geometry", "maps", "planning", "pose_refinement", "mesh", "scores", "cost"):
         assert f'id="{section}"' in text
     assert len(text) < 20e6
 

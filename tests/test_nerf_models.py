@@ -1,10 +1,15 @@
 """One suite for every model: it learns, repeats itself, stops and goes on, is saved and read, and knows its slopes."""
 
+import subprocess
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from PIL import Image
 from toy_scene import two_rooms
 
 from autonerf_lab.errors import DataError, UnknownNameError
@@ -23,7 +28,23 @@ OPTIONS = {
     "cameras": {"refine_cameras": True},
     "one colour from everywhere": {"view_dependent": False},
 }
-every_model = pytest.mark.parametrize("name", MODELS)
+EXAMPLE = "dense-grid"  # of examples/tiny_model.py: a model that is not in the package has to do what the others do
+EXAMPLES = Path(__file__).parents[1] / "examples"
+every_model = pytest.mark.parametrize("name", [*MODELS, EXAMPLE])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def installed_example(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The example's file and what pip would leave of a package that registers it."""
+    site = tmp_path_factory.mktemp("site")
+    info = site / "tiny_model-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: tiny-model\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[autonerf_lab.models]\n{EXAMPLE} = tiny_model:SPEC\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(EXAMPLES)
+        patch.syspath_prepend(site)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +59,11 @@ def walk() -> Trajectory:
 
 @pytest.fixture(scope="module")
 def fields(walk: Trajectory) -> dict[str, NeRF]:
-    return {name: fit(walk, name, preset="smoke", progress=False) for name in MODELS}
+    return {name: fit(walk, name, preset="smoke", progress=False) for name in (*MODELS, EXAMPLE)}
 
 
 def train(walk: Trajectory, name: str, steps: int, **options: object) -> NeRF:
-    settings = replace(MODELS[name].settings["smoke"], steps=steps, **options)
+    settings = replace(model_spec(name).settings["smoke"], steps=steps, **options)
     return fit(walk, name, preset="smoke", settings=settings, progress=False)
 
 
@@ -84,7 +105,7 @@ def test_same_seed_same_bits_and_another_seed_others(walk: Trajectory, name: str
     first, second = values(train(walk, name, 4)), values(train(walk, name, 4))
     for key, value in first.items():
         np.testing.assert_array_equal(value, second[key], err_msg=key)
-    settings = replace(MODELS[name].settings["smoke"], steps=4)
+    settings = replace(model_spec(name).settings["smoke"], steps=4)
     other = values(fit(walk, name, preset="smoke", settings=settings, seed=1, progress=False))
     assert any((value != other[key]).any() for key, value in first.items())
 
@@ -94,7 +115,7 @@ def test_stopped_and_resumed_it_is_the_same(
     walk: Trajectory, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(checkpoint, "SAVE_EVERY", 0.0)
-    settings = replace(MODELS[name].settings["smoke"], steps=8)
+    settings = replace(model_spec(name).settings["smoke"], steps=8)
 
     def interrupt(step: int, model: object) -> None:
         if step == 5:
@@ -130,7 +151,7 @@ def test_a_device_reads_what_the_kernels_trained(
 
 @every_model
 def test_it_trains_in_torch_as_on_cuda(walk: Trajectory, name: str) -> None:
-    settings = replace(MODELS[name].settings["smoke"], steps=12, rays=256, warmup=0.0)
+    settings = replace(model_spec(name).settings["smoke"], steps=12, rays=256, warmup=0.0)
     seen: list[float] = []
     fit(walk, name, "smoke", settings=settings, device="cpu", progress=False,
         callback=lambda step, model: seen.append(model.field.parameters is not None))  # fmt: skip
@@ -178,9 +199,38 @@ def test_a_model_of_ones_own_is_passed_as_it_is(walk: Trajectory, tmp_path: Path
     field = fit(walk, mine, "smoke", progress=False)
     assert field.meta["model"] == "mine"
     field.save(tmp_path)
-    with pytest.raises(DataError, match="model that is not installed: unknown model 'mine'"):
+    with pytest.raises(DataError, match="needs the model 'mine', which is not installed; pass it"):
         load_nerf(tmp_path)
     assert load_nerf(tmp_path, model=mine).meta == field.meta
     with pytest.raises(UnknownNameError, match="preset of mine"):
         fit(walk, mine, "fast", progress=False)
     assert model_spec(mine) is mine
+
+
+def test_the_example_is_passed_as_it_is_too(walk: Trajectory) -> None:
+    from tiny_model import SPEC
+
+    settings = replace(SPEC.settings["smoke"], steps=2)
+    assert fit(walk, SPEC, "smoke", settings=settings, progress=False).meta["model"] == EXAMPLE
+
+
+def test_the_example_interpolates_between_the_corners() -> None:
+    from tiny_model import interpolate
+
+    # values that are linear in the position, over 2 x 3 x 4 voxels of the unit cube
+    cells = np.array([2, 3, 4])
+    corners = np.stack(np.meshgrid(*(np.arange(n + 1) / n for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    slopes = np.array([[1.0, -2.0], [10.0, 0.0], [100.0, 5.0]])
+    x = np.random.default_rng(0).random((50, 3))
+    x[0], x[1] = 0, 1  # both ends belong to the grid
+    found = interpolate(torch.from_numpy(x), torch.from_numpy(corners @ slopes), cells)
+    np.testing.assert_allclose(found.numpy(), x @ slopes, rtol=1e-9)
+
+
+def test_the_example_runs_as_a_script(tmp_path: Path) -> None:
+    command = [sys.executable, str(EXAMPLES / "tiny_model.py"), "--steps", "20", "--out", str(tmp_path / "views.png")]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "NeRF(dense-grid, scene=train-00, " in result.stdout and " dB in 2 frames held out" in result.stdout
+    with Image.open(tmp_path / "views.png") as picture:
+        assert picture.size == (2 * 96, 4 * 96)

@@ -20,11 +20,12 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.bundles import Array, assign, to_numpy
 from autonerf_lab.nerf.field import NeRF
 from autonerf_lab.nerf.model import Model, ModelSpec
-from autonerf_lab.nerf.models import model_spec
+from autonerf_lab.nerf.models import MODELS, model_spec
 from autonerf_lab.nerf.optimizer import Adam
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.nerf.visibility import Visibility
+from autonerf_lab.plugins import package_of
 from autonerf_lab.storage import read_json, write_bytes, write_json
 
 VERSION = 2
@@ -106,6 +107,7 @@ def save_nerf(nerf: NeRF, folder: str | Path) -> None:
         {
             "version": VERSION,
             "meta": nerf.meta,
+            "package": _package(nerf.meta.get("model")),
             "settings": _plain(model.settings),
             "classes": nerf.classes,
             "unit": nerf.unit,
@@ -142,8 +144,8 @@ def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | 
     if header.get("version") != VERSION:
         raise DataError(f"{path} has version {header.get('version')!r}, this release reads {VERSION}; fit again")
     arrays, _ = _read(Path(folder) / "nerf.safetensors")
+    spec = model or _known(header, path)
     try:
-        spec = model or _known(header["meta"]["model"], path)
         plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header["settings"].items()}
         settings = type(next(iter(spec.settings.values())))(**plain)
         box = SceneBox(
@@ -177,11 +179,25 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise DataError(f"{path} is damaged: {error}") from error
 
 
-def _known(model: Any, path: Path) -> ModelSpec:
+def _package(model: Any) -> str | None:
+    """What has to be installed before a field can be read, besides this package."""
+    return None if model in MODELS else package_of("models", str(model))
+
+
+def _known(header: dict[str, Any], path: Path) -> ModelSpec:
+    meta = header.get("meta")
+    name, package = meta.get("model") if isinstance(meta, dict) else None, header.get("package")
+    if not isinstance(name, str):
+        raise DataError(f"{path} does not describe a field (it names no model); fit again")
     try:
-        return model_spec(str(model))
+        return model_spec(name)
     except UnknownNameError as error:
-        raise DataError(f"{path} needs a model that is not installed: {error}; pass it as model=") from error
+        # names out of a file: quoted and cut
+        way_out = "" if package is None else f"install the package {str(package)[:80]!r}, if you trust it, or "
+        raise DataError(
+            f"{path} needs the model {name[:80]!r}, which is not installed; {way_out}pass it: "
+            "load_nerf(folder, model=...)"
+        ) from error
 
 
 def _plain(settings: Settings) -> dict[str, Any]:

@@ -60,7 +60,8 @@ def fit(
 
     Args:
         data: RGB, poses and, where there are any, semantics; depth is looked at only where settings say so.
-        model: a name (see :mod:`autonerf_lab.nerf.models`), or a model of your own.
+        model: a name (see :mod:`autonerf_lab.nerf.models`), or a :class:`~autonerf_lab.nerf.model.ModelSpec` of
+            your own.
         preset: decides the hyper-parameters and the number of steps.
         seed: of everything random; same seed, same bits.
         steps: instead of the preset's.
@@ -73,6 +74,7 @@ def fit(
 
     Raises:
         UnknownNameError: no such model or preset.
+        WrongTypeError: ``model`` is neither a name nor a ModelSpec.
         DataError: nothing to learn from.
         TrainingError: a loss is not finite, or memory is short.
     """

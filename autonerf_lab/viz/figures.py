@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE, GREEN, YELLOW, SKY = "#0072B2", "#D55E00", "#009E73", "#F0E442", "#56B4E9"
 _IGNORED, _FREE, _OCCUPIED = "#B8B8B8", "#FFFFFF", "#303030"
-_DEPTH_ERROR_MAX = 0.5  # metres
 
 
 def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _nothing(text: str = "this task could not be computed") -> Figure:
+def nothing(text: str = "this task could not be computed") -> Figure:
+    """What stands in the place of a figure that cannot be drawn."""
     figure = _figure(6, 2)
     figure.text(0.5, 0.5, text, ha="center", va="center")
     return figure
@@ -55,40 +55,34 @@ def _floor(ax: "Axes", title: str) -> None:
 
 
 def render_comparison(artifact: dict[str, Any], rows: int = 4) -> Figure:
-    """Truth beside rendering: RGB, FLIP error, semantics, depth and depth error, one row a test pose.
+    """Truth beside rendering: RGB, FLIP error and semantics, one row a test pose.
 
     Rows are spread over the poses from the best to the worst PSNR, so that the picture shows failures too.
     """
     if not artifact:
-        return _nothing()
+        return nothing()
     images = artifact["images"]
     order = np.argsort(-artifact["psnr"][: len(images)])
     chosen = order[np.unique(np.linspace(0, len(images) - 1, min(rows, len(images))).round().astype(int))]
-    titles = ("RGB, true", "rendered", "FLIP error", "semantics, true", "rendered", "depth, true", "rendered", "error")
-    figure = _figure(1.5 * len(titles), 1.55 * len(chosen) + 0.8)
+    titles = ("RGB, true", "rendered", "FLIP error", "semantics, true", "rendered")
+    figure = _figure(1.9 * len(titles), 1.95 * len(chosen) + 0.8)
     axes = figure.subplots(len(chosen), len(titles), squeeze=False)
-    deepest = max(float(images[k]["true_depth"].max()) for k in chosen)
     for line, k in zip(axes, chosen, strict=True):
         image = images[k]
-        error = np.abs(image["depth"] - image["true_depth"])
         line[0].imshow(image["true_rgb"])
         line[1].imshow(image["rgb"])
         flip = line[2].imshow(image["flip"], cmap="magma", vmin=0, vmax=1)
         line[3].imshow(colorize(image["true_semantics"]))
         line[4].imshow(colorize(image["semantics"]))
-        line[5].imshow(image["true_depth"], cmap="viridis", vmin=0, vmax=deepest)
-        depth = line[6].imshow(image["depth"], cmap="viridis", vmin=0, vmax=deepest)
-        wrong = line[7].imshow(error, cmap="magma", vmin=0, vmax=_DEPTH_ERROR_MAX)
         line[0].set_ylabel(f"{artifact['psnr'][k]:.1f} dB", fontsize=9)
         for ax in line:
             ax.set_xticks([])
             ax.set_yticks([])
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=9)
-    for shown, columns, label in ((flip, 2, "FLIP"), (depth, 6, "depth (m)"), (wrong, 7, "|error| (m)")):
-        bar = figure.colorbar(shown, ax=axes[:, columns], location="bottom", shrink=0.9, aspect=12, pad=0.02)
-        bar.ax.tick_params(labelsize=7)
-        bar.set_label(label, fontsize=7)
+    bar = figure.colorbar(flip, ax=axes[:, 2], location="bottom", shrink=0.9, aspect=12, pad=0.02)
+    bar.ax.tick_params(labelsize=7)
+    bar.set_label("FLIP", fontsize=7)
     present = np.unique(
         np.concatenate([np.unique(images[k][s]) for k in chosen for s in ("true_semantics", "semantics")])
     )
@@ -104,7 +98,7 @@ def _class_legend(figure: Figure, classes: np.ndarray, place: Any = "outside low
 def confusion(artifact: dict[str, Any]) -> Figure:
     """Confusion matrix of the rendered classes, rows normalised: where the pixels of a true class went."""
     if not artifact:
-        return _nothing()
+        return nothing()
     counts = artifact["confusion"]
     present = np.flatnonzero(counts.sum(axis=1) + counts.sum(axis=0))
     share = counts[np.ix_(present, present)] / np.maximum(counts[present].sum(axis=1, keepdims=True), 1)
@@ -126,7 +120,7 @@ def confusion(artifact: dict[str, Any]) -> Figure:
 def map_overlay(artifact: dict[str, Any]) -> Figure:
     """The predicted map over the true one, cell by cell, and the two semantic maps."""
     if not artifact:
-        return _nothing()
+        return nothing()
     states, labels, truth = artifact["states"], artifact["labels"], artifact["truth"]
     kinds = (
         ("inside walls and furniture, outside: ignored", _IGNORED, ~truth.scored),
@@ -178,7 +172,7 @@ _REASON_COLORS = {
 def planned_paths(artifact: dict[str, Any], count: int = 25) -> Figure:
     """PointGoal and ObjectGoal paths over the true map; a failure is drawn in the colour of its reason."""
     if not artifact:
-        return _nothing()
+        return nothing()
     truth, tasks = artifact["truth"], artifact["tasks"]
     grid = truth.grid
     ground = np.full((*grid.shape, 3), 205, dtype=np.uint8)
@@ -210,7 +204,7 @@ def planned_paths(artifact: dict[str, Any], count: int = 25) -> Figure:
 def refinement_trace(artifact: dict[str, Any]) -> Figure:
     """Errors of every camera as they are refined, and what the first cameras saw before and after."""
     if not artifact:
-        return _nothing()
+        return nothing()
     truth, iterations = artifact["truth"], artifact["iterations"]
     errors = np.array([pose_errors(poses, truth) for poses in artifact["trace"]])  # (I, 2, K)
     before, after, targets = artifact["before"], artifact["after"], artifact["targets"]
@@ -320,11 +314,11 @@ def mesh_view(artifact: dict[str, Any]) -> Figure:
     from scipy.spatial import cKDTree
 
     if not artifact:
-        return _nothing()
+        return nothing()
     mesh = artifact["mesh"]
     classes = mesh.vertex_attributes.get("semantics")
     if not len(mesh.faces) or classes is None:
-        return _nothing("no mesh was extracted")
+        return nothing("no mesh was extracted")
     _, nearest = cKDTree(artifact["points"]).query(mesh.vertices)
     scale = Normalize(0, 100 * artifact["limit"])
     distance = colormaps["viridis"](scale(100 * artifact["distance"][nearest]))[:, :3]

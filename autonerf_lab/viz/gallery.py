@@ -19,7 +19,7 @@ _DPI = 110
 class Picture:
     """One picture and its words. All text is plain: whoever shows it escapes it."""
 
-    section: str  # of the report: walk, rendering, maps, planning, pose_refinement, mesh
+    section: str  # of the report: walk, rendering, geometry, maps, planning, pose_refinement, mesh
     file: str  # relative to ``figures/``
     title: str
     caption: str

@@ -49,6 +49,12 @@ SECTIONS: tuple[Section, ...] = (
         "see there: colour, class and distance.",
     ),
     Section(
+        "geometry",
+        "Where its surfaces are",
+        "A field can show a good picture from surfaces that stand in the wrong place. Depth tells, and so does its "
+        "density: maps, paths, poses and meshes are only as good as these.",
+    ),
+    Section(
         "maps",
         "The maps inside it",
         "A map is read from the field's density and classes, at one centimetre a cell. What no training view has seen "

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autonerf_lab.viz import figures, story
+from autonerf_lab.viz import figures, geometry_figures, story
 from autonerf_lab.viz.gallery import Gallery
 
 if TYPE_CHECKING:
@@ -51,17 +51,23 @@ def draw_walk(folder: Path, scene: "Scene", trajectory: "Trajectory") -> None:
     gallery.close()
 
 
-def draw_scores(folder: Path, field: "Field", artifacts: dict[str, Any]) -> None:
-    """Pictures of the stage ``evaluate``, out of the raw material of the scores."""
+def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[str, Any]) -> None:
+    """Pictures of the stage ``evaluate``.
+
+    Args:
+        folder: of the pictures.
+        field: that was scored.
+        scene: the truth.
+        artifacts: the raw material of the scores, by task.
+    """
     gallery = Gallery(folder, "evaluate")
     gallery.add(
         "rendering",
         "comparison",
         figures.render_comparison(artifacts["rendering"]),
         title="Truth and rendering",
-        caption="One row a test pose, from the best to the worst. FLIP is an error as the eye sees it. The last column "
-        "is the error of depth, cut at 50 cm: geometry shows there long before it shows in the colours.",
-        alt="A grid of images: true and rendered colour, classes and depth from four poses, with error maps",
+        caption="One row a test pose, from the best to the worst. FLIP is an error as the eye sees it.",
+        alt="A grid of images: true and rendered colours and classes from four poses, with maps of the FLIP error",
     )
     gallery.add(
         "rendering",
@@ -70,6 +76,27 @@ def draw_scores(folder: Path, field: "Field", artifacts: dict[str, Any]) -> None
         title="Which class became which",
         caption="Of the pixels that truly are of the class of a row, how many were rendered as each class.",
         alt="Confusion matrix of the rendered classes",
+    )
+    gallery.add(
+        "geometry",
+        "depth",
+        geometry_figures.depth_errors(artifacts["rendering"]),
+        title="How far away the field believes things to be",
+        caption="One row a test pose, from the smallest to the largest median error. Red is too near, blue too far, "
+        "white is right; the colours end at 50 cm.",
+        alt="A grid of images from four poses: colour, true depth, rendered depth, and their signed difference in "
+        "centimetres",
+    )
+    gallery.add(
+        "geometry",
+        "sections",
+        geometry_figures.density_sections(field, scene),
+        title="The density, cut open",
+        caption="Bright is where the field is opaque, blue lines are where the surfaces truly are. The white mark on "
+        "the colour bar is the density from which the maps call a place occupied. Striped space was seen from "
+        "nowhere: what the field says there means nothing.",
+        alt="Two sections through the density of the field, a floor plan at one metre and an elevation, with the "
+        "outline of the true surfaces; space that was never seen is striped",
     )
     gallery.add(
         "maps",

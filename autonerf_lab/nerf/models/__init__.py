@@ -1,13 +1,14 @@
 """The models, by name: this package's, and what installed packages register as ``autonerf_lab.models``.
 
 A model of your own is one file: a :class:`~autonerf_lab.nerf.model.ModelSpec` with settings for each preset and a
-function that pairs a field with a sampler. Pass it to :func:`~autonerf_lab.nerf.fit.fit` as it is, or register it::
+function that pairs a field with a sampler (``examples/tiny_model.py`` is one, with a field of its own). Pass it to
+:func:`~autonerf_lab.nerf.fit.fit` as it is, or register it::
 
     [project.entry-points."autonerf_lab.models"]
     my-nerf = "my_package:SPEC"
 """
 
-from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.errors import UnknownNameError, WrongTypeError
 from autonerf_lab.nerf.model import ModelSpec
 from autonerf_lab.nerf.models import instant_ngp, semantic_nerf, semantic_nerfacto
 from autonerf_lab.plugins import installed
@@ -25,10 +26,11 @@ def available() -> dict[str, ModelSpec]:
 
 
 def model_spec(model: str | ModelSpec) -> ModelSpec:
-    """A model by its name.
+    """A model by its name; a model of one's own is returned as it is.
 
     Raises:
         UnknownNameError: lists the valid names.
+        WrongTypeError: it is neither a name nor a :class:`ModelSpec`.
 
     Example:
         >>> model_spec("gauss")
@@ -38,6 +40,9 @@ semantic-nerfacto
     """
     if isinstance(model, ModelSpec):
         return model
+    if not isinstance(model, str):
+        kind = model.__name__ if isinstance(model, type) else f"a {type(model).__name__}"
+        raise WrongTypeError(f"a model is a name or a ModelSpec, not {kind}; ModelSpec(settings, build) makes one")
     if model in MODELS:
         return MODELS[model].named(model)
     found = available()

@@ -1,0 +1,45 @@
+"""The code that the README shows about models runs as it stands there, only smaller."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from autonerf_lab.nerf import MODELS
+
+ROOT = Path(__file__).parents[1]
+SECTION = re.search(r"(?ms)^### Models\n(.*?)^### ", (ROOT / "README.md").read_text())
+WALK = """
+import autonerf_lab as lab
+from autonerf_lab.geometry import Intrinsics
+
+sim = lab.Simulator(lab.load_scene("dev-0"), Intrinsics.from_fov(16, 16), supersample=1)
+trajectory = lab.explore(sim, "random", steps=20, progress=False)
+"""
+
+
+def test_code_about_models_runs(tmp_path: Path) -> None:
+    assert SECTION
+    blocks = re.findall(r"```python\n(.*?)```", SECTION[1], re.S)
+    assert len(blocks) == 2
+    code, smaller = re.subn(r"steps=2000", "steps=3, seen_rays=500", "".join(blocks).replace('["fast"]', '["smoke"]'))
+    assert smaller == 1
+    path = os.pathsep.join([str(ROOT / "examples"), os.environ.get("PYTHONPATH", "")])
+    result = subprocess.run(
+        [sys.executable, "-c", f"{WALK}{code}\nprint(nerf)"],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("NeRF(dense-grid, scene=dev-0, 20 views, 150 steps)")
+    assert (tmp_path / "my-field/nerf.json").exists() and not (tmp_path / "my-field/training.safetensors").exists()
+
+
+def test_every_model_and_every_option_is_there() -> None:
+    assert SECTION
+    assert re.findall(r"(?m)^\| `([\w-]+)` \|", SECTION[1]) == ["semantic-nerfacto", "instant-ngp", "semantic-nerf"]
+    assert len(MODELS) == 3
+    for spec in MODELS.values():
+        for preset, settings in spec.settings.items():
+            assert f"`{preset}`" in SECTION[1]
+            assert (settings.depth_weight, settings.refine_cameras, settings.view_dependent) == (0, False, True)
