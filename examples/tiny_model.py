@@ -48,6 +48,8 @@ class GridSettings(ProposalSettings):
 
     voxels: tuple[float, ...] = (1.00, 0.20)  # sides of the voxels of each grid, metres
     samples: int = 24
+    table_rate: float = 10.0
+    semantic_weight: float = 0.1
     view_dependent: bool = False  # there is no place for directions here
 
 
