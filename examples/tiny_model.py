@@ -19,7 +19,7 @@ From a package of yours, which makes ``dense-grid`` a name for every command and
 
 See it: python examples/tiny_model.py --scene train-00 --steps 200 --preset smoke --out dense-grid.png
 
-That is 22.9 dB in the frames of the walk that were held out, and 25.3 dB with --preset fast: things are blurred where they
+That is 22.7 dB in the frames of the walk that were held out, and 25.2 dB with --preset fast: things are blurred where they
 are smaller than a voxel.
 """
 
