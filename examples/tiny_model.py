@@ -19,8 +19,8 @@ From a package of yours, which makes ``dense-grid`` a name for every command and
 
 See it: python examples/tiny_model.py --scene train-00 --steps 200 --preset smoke --out dense-grid.png
 
-That is 22.7 dB in the frames of the walk that were held out, and 25.2 dB with --preset fast: things are blurred where they
-are smaller than a voxel.
+That is 22.7 dB in the frames of the walk that were held out, and 25.2 dB with --preset fast: things are blurred where
+they are smaller than a voxel.
 """
 
 import argparse

@@ -5,9 +5,12 @@ with these functions themselves.
 """
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
+
+Values = TypeVar("Values", np.ndarray, torch.Tensor)
 
 PRIMES = (1, 2654435761, 805459861)  # Müller et al. 2022, equation 4
 
@@ -83,11 +86,11 @@ def hash_encode(x: torch.Tensor, table: torch.Tensor, grid: HashGrid) -> torch.T
     return torch.cat(features, dim=1)
 
 
-def spherical_harmonics(directions: torch.Tensor) -> torch.Tensor:
+def spherical_harmonics(directions: Values) -> Values:
     """Real spherical harmonics up to degree 3, the 16 values that the paper's sh(phi) holds.
 
     Args:
-        directions: (N, 3), unit.
+        directions: (N, 3), unit; an array or a tensor.
 
     Returns:
         (N, 16), orthonormal on the sphere.
@@ -96,11 +99,10 @@ def spherical_harmonics(directions: torch.Tensor) -> torch.Tensor:
         >>> spherical_harmonics(torch.tensor([[0.0, 0.0, 1.0]]))[0, :4]
         tensor([0.2821, 0.0000, 0.4886, 0.0000])
     """
-    x, y, z = directions.unbind(-1)
+    x, y, z = directions[:, 0], directions[:, 1], directions[:, 2]
     xx, yy, zz = x * x, y * y, z * z
-    one = torch.ones_like(x)
     values = [
-        0.28209479177387814 * one,
+        0 * x + 0.28209479177387814,
         0.4886025119029199 * y,
         0.4886025119029199 * z,
         0.4886025119029199 * x,
@@ -117,7 +119,7 @@ def spherical_harmonics(directions: torch.Tensor) -> torch.Tensor:
         1.445305721320277 * z * (xx - yy),
         0.5900435899266435 * x * (xx - 3 * yy),
     ]
-    return torch.stack(values, dim=-1)
+    return np.stack(values, axis=-1) if isinstance(directions, np.ndarray) else torch.stack(values, dim=-1)
 
 
 def frequencies(x: torch.Tensor, count: int) -> torch.Tensor:

@@ -52,7 +52,8 @@ def depth_errors(artifact: dict[str, Any], rows: int = 4) -> Figure:
     titles = ("true colour", "depth, true", "depth, rendered", "rendered − true")
     figure = Figure(figsize=(2.2 * len(titles), 2.2 * len(chosen) + 0.9), layout="constrained")
     # the colour bars have a row of their own: below only some of the columns they would push the images out of line
-    pictures, bottom = figure.subfigures(2, 1, height_ratios=(2.2 * len(chosen) + 0.3, 0.6))
+    halves: Any = figure.subfigures(2, 1, height_ratios=(2.2 * len(chosen) + 0.3, 0.6))
+    pictures, bottom = halves
     axes = pictures.subplots(len(chosen), len(titles), squeeze=False)
     for line, k in zip(axes, chosen, strict=True):
         line[0].imshow(images[k]["true_rgb"])

@@ -251,7 +251,7 @@ class HashField:
 
     def _direction_features(self, directions: np.ndarray, frames: np.ndarray | None) -> np.ndarray:
         """(N, 3) unit directions and (N,) images -> (N, F) harmonics and embeddings, the mean one of no image."""
-        harmonics = spherical_harmonics(torch.from_numpy(np.ascontiguousarray(directions, np.float32))).numpy()
+        harmonics = spherical_harmonics(directions.astype(np.float32, copy=False))
         if not self.settings.view_dependent:
             harmonics[:, 1:] = 0
         table = self._values["appearance"]

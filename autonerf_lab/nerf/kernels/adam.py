@@ -5,17 +5,35 @@ from numba import njit, prange
 
 from autonerf_lab.nerf.kernels.blocks import ONE
 
+SMALL = 1 << 16  # values that one thread updates before another has woken up
+
+
+@njit(inline="always")
+def _update(i, p, g, m, v, rate, beta1, beta2, eps, correct1, correct2):
+    if g[i] != 0:
+        m[i] = beta1 * m[i] + (ONE - beta1) * g[i]
+        v[i] = beta2 * v[i] + (ONE - beta2) * g[i] * g[i]
+        p[i] -= rate * (m[i] * correct1) / (np.sqrt(v[i] * correct2) + eps)
+        g[i] = 0
+
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def _adam_large(p, g, m, v, rate, beta1, beta2, eps, correct1, correct2):
+    for i in prange(p.shape[0]):
+        _update(i, p, g, m, v, rate, beta1, beta2, eps, correct1, correct2)
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _adam_small(p, g, m, v, rate, beta1, beta2, eps, correct1, correct2):
+    for i in range(p.shape[0]):
+        _update(i, p, g, m, v, rate, beta1, beta2, eps, correct1, correct2)
+
+
 def adam(p, g, m, v, rate, beta1, beta2, eps, step):
-    """One Adam update of flat arrays, in place; ``g`` is cleared.
+    """One Adam update of flat float32 arrays, in place; ``g`` is cleared.
 
     An entry without gradient is left alone, moments included: most of a hash table is not touched by a batch.
     """
-    correct1, correct2 = ONE / (ONE - beta1**step), ONE / (ONE - beta2**step)
-    for i in prange(p.shape[0]):
-        if g[i] != 0:
-            m[i] = beta1 * m[i] + (ONE - beta1) * g[i]
-            v[i] = beta2 * v[i] + (ONE - beta2) * g[i] * g[i]
-            p[i] -= rate * (m[i] * correct1) / (np.sqrt(v[i] * correct2) + eps)
-            g[i] = 0
+    correct1, correct2 = np.float32(1 / (1 - beta1**step)), np.float32(1 / (1 - beta2**step))
+    run = _adam_large if len(p) > SMALL else _adam_small
+    run(p, g, m, v, rate, beta1, beta2, eps, correct1, correct2)
