@@ -1,24 +1,19 @@
 """The command line. Every stage reads and writes one run folder; ``autonerf-lab demo`` runs them all."""
 
 import contextlib
-import io
 import os
 import sys
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
 from autonerf_lab.errors import AutoNerfError, DataError
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from autonerf_lab.scenes import Scene
+from autonerf_lab.scene_commands import Scenes
 
 # Heavy imports wait inside the commands: `--help` answers at once.
 
@@ -34,6 +29,7 @@ PresetName = Annotated[
 Seed = Annotated[int, arg(help="Of the start, the policy, the training and the test poses.")]
 Out = Annotated[Path, arg(help="The run folder.")]
 Run = Annotated[Positional[Path], arg(help="The run folder.")]
+Fitted = Annotated[Positional[Path], arg(help="The run folder, or the --out of `autonerf-lab fit`.")]
 Overwrite = Annotated[bool, arg(help="Replace what is finished. Only files this package wrote are removed.")]
 
 
@@ -83,18 +79,35 @@ class Explore:
 
 @dataclass(frozen=True)
 class Fit:
-    """Train a field on the walk of a run folder: RUN/nerf."""
+    """Train a field: on the walk of a run folder, RUN/nerf; or on photographs with poses, with --out.
 
-    folder: Run
+    Photographs are a folder with a transforms.json of nerfstudio or instant-ngp. Every eighth of them, or those that
+    the file names, are held out: OUT/nerf is the field, OUT/scores.json how it shows what it has not seen.
+    """
+
+    folder: Annotated[Positional[Path], arg(help="The run folder, or the folder of photographs.")]
     model: ModelName = "semantic-nerfacto"
+    out: Annotated[Path | None, arg(help="Where the field of photographs goes. Without it, FOLDER is a run.")] = None
+    preset: Annotated[str | None, arg(metavar="NAME", help="For photographs; a run has its own.")] = None
+    seed: Annotated[int | None, arg(help="Of the training, for photographs; a run has its own.")] = None
     overwrite: Overwrite = False
 
     def run(self) -> None:
-        """Run the stage."""
-        from autonerf_lab import pipeline
+        """Run the stage; print the scores where there are any."""
+        from autonerf_lab import capture, pipeline
 
-        pipeline.resume(self.folder, "fit", self.model, self.overwrite)
-        print(f"field: {self.folder / 'nerf'}")
+        if self.out is None:
+            if self.preset is not None or self.seed is not None:
+                raise DataError(f"{self.folder}: a run has its preset and its seed; for photographs, give --out too")
+            if capture.is_capture(self.folder):
+                raise DataError(f"{self.folder} holds photographs, not a run: --out says where their field goes")
+            pipeline.resume(self.folder, "fit", self.model, self.overwrite)
+            print(f"field: {self.folder / 'nerf'}")
+            return
+        scores = capture.fit_capture(
+            self.folder, self.out, self.model, self.preset, self.seed or 0, overwrite=self.overwrite
+        )
+        print(f"\n{scores.table()}\n\nfield: {self.out / 'nerf'}")
 
 
 @dataclass(frozen=True)
@@ -143,9 +156,9 @@ class Report:
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Write the field of a run folder as coloured points with classes, for other programs: PLY."""
+    """Write a field as coloured points, with classes where it knows them, for other programs: PLY."""
 
-    folder: Run
+    folder: Fitted
     out: Annotated[Path, arg(help="The .ply file.")]
 
     def run(self) -> None:
@@ -158,9 +171,9 @@ class PointCloud:
 
 @dataclass(frozen=True)
 class Video:
-    """Film the field of a run folder along the robot's way."""
+    """Film a field along the robot's way, or from one photograph to the next."""
 
-    folder: Run
+    folder: Fitted
     out: Annotated[Path, arg(help="The .mp4 or .gif file.")]
     what: Annotated[str, arg(help="rgb, depth, semantics, opacity, or all: the first three side by side.")] = "rgb"
     seconds: Annotated[float, arg(help="How long the film plays.")] = 10.0
@@ -182,9 +195,9 @@ class Video:
 
 @dataclass(frozen=True)
 class View:
-    """Fly through the field of a run folder in a browser on this machine. Ctrl-C ends it."""
+    """Fly through a field in a browser on this machine. Ctrl-C ends it."""
 
-    folder: Run
+    folder: Fitted
     port: Annotated[int, arg(help="Of the page; 0 takes a free one.")] = 0
 
     def run(self) -> None:
@@ -199,107 +212,6 @@ class View:
             print(f"{viewer.url} shows the field until Ctrl-C", flush=True)
             while True:
                 time.sleep(3600)
-
-
-@dataclass(frozen=True)
-class ScenesList:
-    """The scenes of the library."""
-
-    def run(self) -> None:
-        """Print a name a line."""
-        from autonerf_lab.scenes import scene_names
-
-        print("\n".join(scene_names()))
-
-
-@dataclass(frozen=True)
-class ScenesShow:
-    """What is in a scene; with --out also its picture from above, with --page a 3-D page for a browser."""
-
-    name: Annotated[Positional[str], arg(help="A scene of the library, or a file.")]
-    out: Annotated[Path | None, arg(help="Where to write the picture (PNG).")] = None
-    page: Annotated[
-        Path | None, arg(help="Where to write the 3-D page (HTML); it needs neither kernel nor network.")
-    ] = None
-
-    def run(self) -> None:
-        """Print sizes and objects."""
-        from collections import Counter
-
-        from autonerf_lab import pipeline
-        from autonerf_lab.classes import CLASS_NAMES
-
-        scene = pipeline.find_scene(self.name)
-        print(scene)
-        found = Counter(CLASS_NAMES[i.class_id] for i in scene.instances if i.class_id)
-        print("\n".join(f"{count:4d} {name}" for name, count in sorted(found.items())))
-        if self.out is not None:
-            _write_picture(scene.top_view()[0], self.out)
-        if self.page is not None:
-            print(scene.page(self.page))
-
-
-@dataclass(frozen=True)
-class ScenesGenerate:
-    """Make a new apartment from a seed and keep its specification."""
-
-    seed: Annotated[Positional[int], arg(help="Any whole number: the same one makes the same apartment.")]
-    out: Annotated[Path, arg(help="A .json file: give its path wherever a scene is asked for. Or a .glb file.")]
-
-    def run(self) -> None:
-        """Generate and write."""
-        from autonerf_lab.scenes import generate_apartment
-
-        _write_scene(generate_apartment(self.seed), self.out)
-
-
-@dataclass(frozen=True)
-class ScenesImport:
-    """Read a scan (GLB, OBJ, PLY) and stand it on its floor, or furnish a floor plan (HouseExpo's JSON)."""
-
-    path: Annotated[Positional[Path], arg(help="The file.")]
-    out: Annotated[Path | None, arg(help="Where to write it: GLB, or .json for a furnished plan.")] = None
-
-    def run(self) -> None:
-        """Import, and export where asked."""
-        from autonerf_lab.scenes import import_scene
-
-        scene = import_scene(self.path)
-        print(scene)
-        if self.out is not None:
-            _write_scene(scene, self.out)
-
-
-@dataclass(frozen=True)
-class ScenesExport:
-    """Write a scene as GLB, with its texture or coloured by class, and its semantics beside it (JSON)."""
-
-    name: Annotated[Positional[str], arg(help="A scene of the library, or a file.")]
-    out: Annotated[Path, arg(help="The GLB file.")]
-    semantic: Annotated[bool, arg(help="Colours are classes.")] = False
-
-    def run(self) -> None:
-        """Load and write."""
-        from autonerf_lab import pipeline
-
-        print(pipeline.find_scene(self.name).export_glb(self.out, semantic=self.semantic))
-
-
-@dataclass(frozen=True)
-class Scenes:
-    """Look at the apartments, make new ones, bring your own."""
-
-    command: (
-        Annotated[ScenesList, subcommand("list")]
-        | Annotated[ScenesShow, subcommand("show")]
-        | Annotated[ScenesGenerate, subcommand("generate")]
-        | Annotated[ScenesImport, subcommand("import")]
-        | Annotated[ScenesExport, subcommand("export")]
-    )
-
-    def run(self) -> None:
-        """Run the subcommand."""
-        self.command.run()
 
 
 @dataclass(frozen=True)
@@ -354,31 +266,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `| head` has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
-
-
-def _write_scene(scene: "Scene", out: Path) -> None:
-    from autonerf_lab import storage
-    from autonerf_lab.scenes.spec import dumps
-
-    kind = out.suffix.lower()
-    if kind == ".glb":
-        scene.export_glb(out)
-    elif kind == ".json" and scene.spec is not None:
-        storage.write_bytes(out, dumps(scene.spec).encode())
-    else:
-        raise DataError(f"{out}: a generated scene is written as .json or .glb, an imported one as .glb")
-    print(out)
-
-
-def _write_picture(picture: "np.ndarray", out: Path) -> None:
-    from PIL import Image
-
-    from autonerf_lab import storage
-
-    data = io.BytesIO()
-    Image.fromarray(picture).save(data, "PNG")
-    storage.write_bytes(out, data.getvalue())
-    print(out)
 
 
 if __name__ == "__main__":

@@ -77,6 +77,20 @@ class Dataset:
             True,
         )
 
+    def check(self) -> None:
+        """Raise where a dataset made by hand does not hold together; those of :func:`load_dataset` do.
+
+        Raises:
+            DataError: names the frame whose pose is not rigid, or whose image or layer has not its camera's size.
+        """
+        for t, (c2w, camera, name) in enumerate(zip(self.poses, self.cameras, self.names, strict=True)):
+            if not (np.abs(c2w[:3, :3] @ c2w[:3, :3].T - np.eye(3)) < 1e-3).all() or not np.isfinite(c2w).all():
+                raise DataError(f"{name}: the pose is not a rigid camera-to-world pose of finite numbers")
+            for layer in (self.images, self.semantics, self.depths):
+                if layer is not None and layer[t].shape[:2] != (camera.height, camera.width):
+                    height, width = layer[t].shape[:2]
+                    raise DataError(f"{name}: {width}x{height} pixels, and a camera of {camera.width}x{camera.height}")
+
     def split(self, every: int = 8) -> tuple["Dataset", "Dataset"]:
         """The frames to train on, and those held out.
 

@@ -206,12 +206,16 @@ def peak_gb() -> float | None:
 
 
 def finished_field(out: str | Path) -> "NeRF":
-    """The field of a run that has one.
+    """The field of a run that has one, or of photographs: see :mod:`autonerf_lab.capture`.
 
     Raises:
         RunFolderError: the folder holds no run, or none that was fitted.
         DataError: a file is missing or damaged.
     """
+    if not (Path(out) / "run.json").exists() and (Path(out) / "nerf/nerf.json").exists():
+        from autonerf_lab.nerf import load_nerf
+
+        return load_nerf(Path(out) / "nerf")
     run = load_run(out)
     run.require("fit")
     return Workspace(run).nerf

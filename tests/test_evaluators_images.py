@@ -24,6 +24,7 @@ from autonerf_lab.evaluators.rendering import (
     flip,
     psnr,
     sample_test_poses,
+    simulated_views,
     ssim,
 )
 from autonerf_lab.geometry import Intrinsics, planar_pose, so3_exp
@@ -91,7 +92,7 @@ def test_shuffled_labels_drop_to_chance():
 def test_the_true_field_renders_perfectly(sim, field):
     poses = sample_test_poses(sim, 4, seed=3)
     np.testing.assert_array_equal(poses[:2], sample_test_poses(sim, 2, seed=3))
-    result = evaluate_rendering(field, sim, poses)
+    result = evaluate_rendering(field, simulated_views(sim, poses))
     assert result.values["psnr"] > 58 and result.values["ssim"] == pytest.approx(1)
     assert result.values["miou"] == 100 and result.values["depth_median_error_m"] == 0
     assert result.values["lpips"] is None and result.status["lpips"] == "weights_missing"

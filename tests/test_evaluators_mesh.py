@@ -19,6 +19,7 @@ from autonerf_lab.evaluators import (
 )
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh, nearest_on, sample_surface
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.types import Score
 
 BOUNDS = np.array([[-1.0, -1, -1], [1, 1, 1]])
@@ -28,6 +29,7 @@ class Ball:
     """A solid ball of radius 0.6, red above and green below; class 4; everything seen."""
 
     cameras, intrinsics, meta = np.eye(4)[None], Intrinsics.from_fov(8, 8), {"scene": "toy", "start": None}
+    frame, classes = FieldFrame(), 16
 
     def density(self, points):
         # 10 cm are half opaque on the sphere itself, which is what the threshold cuts

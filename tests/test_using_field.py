@@ -8,6 +8,7 @@ import sys
 import time
 import urllib.request
 from dataclasses import dataclass, replace
+from dataclasses import field as field_of
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -31,6 +32,7 @@ from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError
 from autonerf_lab.evaluators import Image
 from autonerf_lab.geometry import Intrinsics, planar_from_pose, planar_pose
 from autonerf_lab.nerf import NeRF, fit
+from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
 from autonerf_lab.run_folder import RunConfig, open_run
 from autonerf_lab.simulator import Simulator
@@ -51,6 +53,7 @@ class Wall:
 
     cameras: np.ndarray
     intrinsics: Intrinsics = WIDE
+    frame: FieldFrame = field_of(default_factory=FieldFrame)
     rendered: int = 0
 
     def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Image:
@@ -114,7 +117,7 @@ def test_a_path_stays_between_its_keys_and_is_rigid() -> None:
 def test_the_way_of_a_walk_is_where_it_gets_on() -> None:
     turning = [planar_pose(0, 0, 0.5 * k) for k in range(50)]
     going = [planar_pose(0.25 * k, 0.0, 0.0) for k in range(1, 41)]
-    field = SimpleNamespace(cameras=np.stack(turning + going))
+    field = SimpleNamespace(cameras=np.stack(turning + going), frame=FieldFrame())
     path = walk_path(field, 6 * 20)  # type: ignore[arg-type]
     assert path.shape == (120, 4, 4)
     assert np.isclose(np.ptp(path[:, 0, 3]), 5.0) and np.isclose(np.ptp(path[:, 1, 3]), 0)

@@ -10,6 +10,7 @@ from autonerf_lab.evaluators.field import Image
 from autonerf_lab.evaluators.maps import LEVELS
 from autonerf_lab.evaluators.truth import BAND, Grid
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.scenes.columns import occupied_columns
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ class TrueField:
         self.sim = sim or Simulator(scene)
         self.intrinsics = self.sim.intrinsics
         self.meta = {"scene": scene.name, "model": "true geometry"}
+        self.frame, self.classes = FieldFrame(), NUM_CLASSES
         rng = np.random.default_rng([seed, 600])
         self.cameras = np.stack([self.sim.sample_pose(rng) for _ in range(views)])
         self._grid = Grid.over(scene.bounds)

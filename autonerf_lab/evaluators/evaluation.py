@@ -1,4 +1,7 @@
-"""``evaluate``: every task of the protocol for one field in one scene. A task that fails gives rows that say so."""
+"""``evaluate``: every task of the protocol for one field in one scene. A task that fails gives rows that say so.
+
+A field of photographs, of which no truth is known, is scored on those that it was not trained on.
+"""
 
 import math
 import time
@@ -12,6 +15,7 @@ from tqdm import tqdm
 
 from autonerf_lab.config import Preset
 from autonerf_lab.config import preset as get_preset
+from autonerf_lab.dataset import Dataset
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.evaluators.ceiling import TrueField
 from autonerf_lab.evaluators.field import Field
@@ -21,7 +25,12 @@ from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh
 from autonerf_lab.evaluators.nearest_view import NearestView
 from autonerf_lab.evaluators.planning import evaluate_planning, scene_tasks
 from autonerf_lab.evaluators.pose_refinement import Refinement, evaluate_pose_refinement
-from autonerf_lab.evaluators.rendering import evaluate_rendering, sample_test_poses
+from autonerf_lab.evaluators.rendering import (
+    evaluate_rendering,
+    photographed_views,
+    sample_test_poses,
+    simulated_views,
+)
 from autonerf_lab.evaluators.result import TaskResult
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_columns, semantic_scores
@@ -104,7 +113,7 @@ class _Run:
 
     def rendering(self) -> TaskResult:
         poses = sample_test_poses(self.sim, self.preset.test_poses, self.seed)
-        return evaluate_rendering(self.field, self.sim, poses, self.tick)
+        return evaluate_rendering(self.field, simulated_views(self.sim, poses), self.tick)
 
     def maps(self) -> TaskResult:
         values = free_scores(self.states, self.truth) | occupancy_scores(self.states, self.truth)
@@ -143,33 +152,45 @@ def _check_scene(field: Field, scene: "Scene") -> None:
 
 def evaluate(
     nerf: Field,
-    scene: "Scene",
+    scene: "Scene | Dataset",
     preset: str | Preset | None = None,
     seed: int = 0,
     tasks: Iterable[str] | None = None,
     progress: bool = True,
-    trajectory: "Trajectory | None" = None,
+    trajectory: "Trajectory | Dataset | None" = None,
 ) -> Scores:
-    """Score a field in its scene.
+    """Score a field in its scene, or on photographs that were held out.
 
     Args:
         nerf: a trained NeRF, or anything that answers the methods of :class:`~autonerf_lab.evaluators.Field`.
-        scene: the truth; the one the field was trained in.
+        scene: the truth; the one the field was trained in. Or the held-out half of :meth:`Dataset.split`: the task is
+            ``held_out`` then, the only one, with PSNR, SSIM and FLIP, and where there are labels, the accuracy and the
+            IoU of the classes, means over the photographs; ``preset`` and ``seed`` do not matter.
         preset: sizes of the tasks.
         seed: of test poses, planning episodes, random pixels and mesh samples.
         tasks: names out of ``METRICS``; all without.
         progress: show a bar.
-        trajectory: the walk. When given, ``scores.yardsticks["nearest_view"]`` says what showing its nearest image
-            instead of a rendering would score.
+        trajectory: what the field was trained on. When given, ``scores.yardsticks["nearest_view"]`` says what showing
+            its nearest image instead of a rendering would score.
 
     Returns:
         One row a metric, in the order of the protocol. A value that cannot be computed is None and its ``status`` says
-        why; a task that fails does so alone. ``scores.artifacts`` holds the raw material of the pictures by task.
+        why; a task that fails does so alone. ``scores.artifacts`` holds the raw material of the pictures by task, and
+        the values of each photograph: ``scores.artifacts["held_out"]["psnr"]``, in the order of its ``"names"``.
 
     Raises:
         UnknownNameError: a task or preset that does not exist.
-        DataError: the field shows another scene.
+        DataError: the field shows another scene; tasks that need the truth, where there are only photographs.
+
+    Example::
+
+        train, held_out = lab.load_dataset("photographs").split()
+        print(lab.evaluate(lab.fit(train), held_out, trajectory=train).table())
     """
+    if isinstance(scene, Dataset):
+        if tasks is not None:
+            raise DataError("photographs hold no truth for tasks: leave tasks out, or give the scene")
+        return _held_out(nerf, scene, progress, trajectory)
     size = get_preset(preset)
     names = list(METRICS) if tasks is None else list(tasks)
     for name in names:
@@ -211,28 +232,50 @@ def _run_task(run: _Run, name: str, artifacts: dict[str, Any]) -> list[Score]:
         result = TaskResult(dict.fromkeys(METRICS[name]), {}, dict.fromkeys(METRICS[name], text))
     seconds = time.perf_counter() - start
     artifacts[name] = result.artifact
-    meta = run.field.meta
+    where = {"scene": run.scene.name, "preset": run.preset.name, "seed": run.seed}
+    return _rows(name, METRICS[name], result, run.field.meta, {"seconds": seconds, **where})
+
+
+def _held_out(nerf: Field, data: Dataset, progress: bool, trained_on: "Trajectory | Dataset | None") -> Scores:
+    start = time.perf_counter()
+    with tqdm(total=len(data), disable=not progress, leave=False, desc="held out") as bar:
+        result = evaluate_rendering(nerf, photographed_views(data), bar.update)
+    seconds = time.perf_counter() - start
+    classes = () if result.status.get("miou") == "no labels" else ("per_class_accuracy", "miou")
+    units = {name: METRICS["rendering"][name] for name in ("psnr", "ssim", "flip", *classes)}
+    where = {key: nerf.meta.get(key) or default for key, default in (("scene", ""), ("preset", ""), ("seed", 0))}
+    scores = Scores(
+        _rows("held_out", units, result, nerf.meta, {"seconds": seconds, **where}),
+        {"held_out": {**result.artifact, "names": data.names}},
+    )
+    if trained_on is not None:
+        nearest: Any = NearestView(trained_on)
+        scores.yardsticks["nearest_view"] = _held_out(nearest, data, False, None)
+    return scores
+
+
+def _rows(
+    task: str, units: dict[str, str], result: TaskResult, meta: dict[str, Any], where: dict[str, Any]
+) -> list[Score]:
+    """A score for each of the metrics; ``where`` are those of its fields that are the same in all."""
     rows = []
-    for metric, unit in METRICS[name].items():
+    for metric, unit in units.items():
         value, status = result.values[metric], result.status.get(metric, "ok")
         if value is not None and not math.isfinite(value):
             value, status = None, f"not finite: {value}"
         rows.append(
             Score(
-                task=name,
+                task=task,
                 metric=metric,
                 value=value,
                 unit=unit,
                 status=status,
                 n=result.n.get(metric, 0),
-                seconds=seconds,
-                scene=run.scene.name,
                 start=int(meta.get("start") or 0),
                 policy=str(meta.get("policy") or ""),
                 reward=str(meta.get("reward") or ""),
                 model=str(meta.get("model") or ""),
-                preset=run.preset.name,
-                seed=run.seed,
+                **where,
             )
         )
     return rows

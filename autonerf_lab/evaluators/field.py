@@ -6,6 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.nerf.frame import FieldFrame
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,7 @@ class Image:
 
     rgb: np.ndarray  # (H, W, 3) float32 in [0, 1]
     depth: np.ndarray  # (H, W) float32, metres along the optical axis, the median of the weights
-    semantics: np.ndarray  # (H, W) uint8, class index
+    semantics: np.ndarray | None  # (H, W) uint8, class index; None: the field knows no classes
     opacity: np.ndarray  # (H, W) float32 in [0, 1]
 
 
@@ -24,6 +25,8 @@ class Field(Protocol):
     cameras: np.ndarray  # (T, 4, 4) training poses
     intrinsics: Intrinsics  # of the training cameras
     meta: dict  # at least ``scene``
+    classes: int  # how many it tells apart, 0 for none
+    frame: FieldFrame  # where the field has its zero, and what it takes for a metre
 
     def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Any:
         """One image from a pose, with the fields of :class:`Image`."""

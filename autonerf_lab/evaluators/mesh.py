@@ -39,10 +39,12 @@ _Z_UP_TO_Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1
 def surface_bounds(field: Field) -> np.ndarray:
     """(2, 3) box around what the training views show, from rendered depth; one ray in 200 may lie outside."""
     points, _ = point_cloud(field, _BOUNDS_RAYS)
+    points = points[field.seen(points)]  # the background of photographs lies far beyond
     if not len(points):
         return np.zeros((2, 3))
     low, high = np.quantile(points, [0.0025, 0.9975], axis=0)
-    return np.stack([low - _MARGIN, high + _MARGIN])
+    margin = _MARGIN * field.frame.unit
+    return np.stack([low - margin, high + margin])
 
 
 def extract_mesh(
@@ -56,27 +58,30 @@ def extract_mesh(
 
     Args:
         field: a trained NeRF.
-        voxel: side of a marching cube, metres; that of the preset without.
+        voxel: side of a marching cube, in the units of the cameras; that of the preset without, in metres or what the
+            field takes for such.
         threshold: of the opacity over 10 cm.
-        bounds: (2, 3) box to search, metres; from the training views without.
+        bounds: (2, 3) box to search, in the units of the cameras; from the training views without.
         min_triangles: connected pieces with fewer are dropped.
 
     Returns:
-        World frame, metres, triangles counter-clockwise seen from the free side. Vertex colours are those seen along
-        the inverse normal; ``vertex_attributes["semantics"]`` is the class of each vertex. Without any surface the
-        mesh is empty.
+        World frame, triangles counter-clockwise seen from the free side. Vertex colours are those seen along the
+        inverse normal; ``vertex_attributes["semantics"]`` is the class of each vertex, where the field knows any.
+        Without any surface the mesh is empty.
 
     Raises:
         DataError: the grid would not fit in memory.
     """
     import trimesh
 
-    voxel = voxel or get_preset().mesh_voxel
+    voxel = voxel or get_preset().mesh_voxel * field.frame.unit
     bounds = surface_bounds(field) if bounds is None else np.asarray(bounds, dtype=np.float64)
+    # from here on in the field's coordinates, where 10 cm and five digits mean the same in every capture
+    voxel, bounds = voxel / field.frame.unit, field.frame.enter(bounds)
     size = np.maximum(2, np.ceil((bounds[1] - bounds[0]) / voxel).astype(np.int64) + 1)
     if float(np.prod(size.astype(np.float64))) > MAX_NODES:
         raise DataError(
-            f"a mesh of {bounds[1] - bounds[0]} m at {voxel} m needs over {MAX_NODES} samples; use a larger voxel"
+            f"a mesh of {bounds[1] - bounds[0]} at {voxel} needs over {MAX_NODES} samples; use a larger voxel"
         )
     thick = max(2, int(_SLAB_NODES // (size[1] * size[2])))
     vertices, faces, count = [], [], 0
@@ -95,6 +100,7 @@ def extract_mesh(
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces):
         _paint(mesh, field)
+    mesh.vertices = field.frame.leave(mesh.vertices)
     return mesh
 
 
@@ -104,13 +110,13 @@ def _slab(
     axes = [np.arange(*planes), np.arange(size[1]), np.arange(size[2])]
     shape = tuple(len(axis) for axis in axes)
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    points = (low + nodes * voxel).astype(np.float32)
+    points = field.frame.leave((low + nodes * voxel).astype(np.float32))
     seen = np.concatenate([field.seen(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)])
     alpha = np.zeros(len(points), dtype=np.float32)
     index = np.flatnonzero(seen)
     for i in range(0, len(index), _CHUNK):
         part = index[i : i + _CHUNK]
-        alpha[part] = opacity(field.density(points[part]))
+        alpha[part] = opacity(field.density(points[part]) * np.float32(field.frame.unit))
     alpha, seen = alpha.reshape(shape), seen.reshape(shape)
     if not alpha.min() < threshold < alpha.max():
         return None
@@ -134,12 +140,14 @@ def _large_pieces(faces: np.ndarray, count: int, minimum: int) -> np.ndarray:
 
 
 def _paint(mesh: "trimesh.Trimesh", field: Field) -> None:
-    points, normals = mesh.vertices.astype(np.float32), mesh.vertex_normals.astype(np.float32)
+    normals = mesh.vertex_normals.astype(np.float32)
+    points = field.frame.leave(mesh.vertices.astype(np.float32))
     chunks = [slice(i, i + _CHUNK) for i in range(0, len(points), _CHUNK)]
     color = np.concatenate([field.color(points[c], -normals[c]) for c in chunks])
-    labels = np.concatenate([field.semantics(points[c]).argmax(axis=1) for c in chunks])
     _set_colors(mesh, np.round(np.clip(color, 0, 1) * 255).astype(np.uint8))
-    mesh.vertex_attributes["semantics"] = labels.astype(np.uint8)
+    if field.classes:
+        labels = np.concatenate([field.semantics(points[c]).argmax(axis=1) for c in chunks])
+        mesh.vertex_attributes["semantics"] = labels.astype(np.uint8)
 
 
 def _set_colors(mesh: "trimesh.Trimesh", colors: np.ndarray) -> None:
@@ -149,9 +157,15 @@ def _set_colors(mesh: "trimesh.Trimesh", colors: np.ndarray) -> None:
 
 
 def semantic_mesh(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
-    """The twin of an extracted mesh, coloured by class."""
+    """The twin of an extracted mesh, coloured by class.
+
+    Raises:
+        DataError: the mesh has no classes, because its field knows none.
+    """
     twin = mesh.copy()
     if len(mesh.faces):
+        if "semantics" not in mesh.vertex_attributes:
+            raise DataError("this mesh has no classes: its field was trained on images without semantics")
         _set_colors(twin, colorize(np.asarray(mesh.vertex_attributes["semantics"]).astype(np.int64)))
     return twin
 

@@ -13,7 +13,8 @@ the simulator's image. Averages are over images; classes are judged on one confu
 * ``depth_median_error_m``: median over all pixels of |rendered - true| depth along the axis.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import flip_evaluator
@@ -21,8 +22,10 @@ import numpy as np
 from skimage.metrics import structural_similarity
 
 from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.dataset import Dataset
 from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.result import TaskResult
+from autonerf_lab.geometry import Intrinsics
 
 if TYPE_CHECKING:
     from autonerf_lab.simulator import Simulator
@@ -30,6 +33,31 @@ if TYPE_CHECKING:
 _ROUNDING_MSE = (0.5 / 255) ** 2 / 3
 _PIXELS_PER_DEGREE = 67.020645  # FLIP's default viewer: 0.7 m from a 0.7 m wide, 3840 pixel monitor
 _KEPT_IMAGES = 12
+
+
+@dataclass(frozen=True)
+class View:
+    """What a camera should show."""
+
+    c2w: np.ndarray  # (4, 4) camera-to-world
+    intrinsics: Intrinsics
+    rgb: np.ndarray  # (H, W, 3) uint8
+    depth: np.ndarray | None  # (H, W) float32, along the optical axis, 0 = none
+    semantics: np.ndarray | None  # (H, W) uint8, class index
+
+
+def simulated_views(sim: "Simulator", poses: np.ndarray) -> Iterator[View]:
+    """The simulator's images from (N, 4, 4) poses, one at a time."""
+    for c2w in poses:
+        frame = sim.render(c2w)
+        yield View(c2w, sim.intrinsics, frame.rgb, frame.depth, frame.semantics)
+
+
+def photographed_views(data: Dataset) -> Iterator[View]:
+    """The photographs, through their own cameras."""
+    for t, c2w in enumerate(data.poses):
+        depth, semantics = (None if layer is None else layer[t] for layer in (data.depths, data.semantics))
+        yield View(c2w, data.cameras[t], data.images[t], depth, semantics)
 
 
 def sample_test_poses(sim: "Simulator", count: int, seed: int = 0) -> np.ndarray:
@@ -112,49 +140,54 @@ def class_scores(confusion: np.ndarray) -> dict[str, float | None]:
     }
 
 
-def evaluate_rendering(
-    field: Field, sim: "Simulator", poses: np.ndarray, tick: Callable[[], None] = lambda: None
-) -> TaskResult:
-    """Score a field's images from ``poses`` (N, 4, 4) against the simulator's.
+def evaluate_rendering(field: Field, views: Iterable[View], tick: Callable[[], None] = lambda: None) -> TaskResult:
+    """Score what a field shows from each of some cameras against what it should show.
 
     Args:
         field: only ``render`` is used.
-        sim: gives the targets and the test camera.
-        poses: see :func:`sample_test_poses`.
+        views: the targets, see :func:`simulated_views` and :func:`photographed_views`.
         tick: called after each image.
+
+    Returns:
+        Means over the views; those of each view are in the artifact (``psnr``, ``ssim``, ``flip``; NaN: none).
     """
     values: dict[str, list[float]] = {"psnr": [], "ssim": [], "flip": []}
     confusion = np.zeros((NUM_CLASSES, NUM_CLASSES), dtype=np.int64)
-    depth_errors: list[np.ndarray] = []
-    kept: list[dict[str, np.ndarray]] = []
-    for c2w in poses:
-        target, image = sim.render(c2w), field.render(c2w, sim.intrinsics)
+    depth_errors: list[np.ndarray] = [np.zeros(0, np.float32)]
+    kept: list[dict[str, np.ndarray | None]] = []
+    poses = []
+    for target in views:
+        image = field.render(target.c2w, target.intrinsics)
         true_rgb = target.rgb.astype(np.float32) / 255
         rgb = np.clip(np.nan_to_num(image.rgb), 0, 1).astype(np.float32)
         values["psnr"].append(psnr(rgb, true_rgb))
-        if min(rgb.shape[:2]) >= 11:
-            values["ssim"].append(ssim(rgb, true_rgb))
+        values["ssim"].append(ssim(rgb, true_rgb) if min(rgb.shape[:2]) >= 11 else np.nan)
         mean_flip, flip_map = flip(rgb, true_rgb)
         values["flip"].append(mean_flip)
-        confusion += confusion_matrix(image.semantics, target.semantics)
-        valid = target.depth > 0
-        depth_errors.append(np.abs(image.depth - target.depth)[valid].astype(np.float32))
+        if image.semantics is not None and target.semantics is not None:
+            confusion += confusion_matrix(image.semantics, target.semantics)
+        if target.depth is not None:
+            depth_errors.append(np.abs(image.depth - target.depth)[target.depth > 0].astype(np.float32))
         if len(kept) < _KEPT_IMAGES:
             kept.append(
                 {
-                    "c2w": c2w,
+                    "c2w": target.c2w,
                     "true_rgb": target.rgb,
                     "rgb": np.round(rgb * 255).astype(np.uint8),
                     "true_depth": target.depth,
                     "depth": np.asarray(image.depth, np.float32),
                     "true_semantics": target.semantics,
-                    "semantics": np.asarray(image.semantics, np.uint8),
+                    "semantics": None if image.semantics is None else np.asarray(image.semantics, np.uint8),
                     "flip": flip_map,
                 }
             )
+        poses.append(target.c2w)
         tick()
     errors = np.concatenate(depth_errors)
-    scores: dict[str, float | None] = {name: float(np.mean(v)) if v else None for name, v in values.items()}
+    per_view = {name: np.array(v) for name, v in values.items()}
+    scores: dict[str, float | None] = {
+        name: float(np.nanmean(v)) if np.isfinite(v).any() else None for name, v in per_view.items()
+    }
     scores |= {"lpips": None, **class_scores(confusion)}
     scores["depth_median_error_m"] = float(np.median(errors)) if len(errors) else None
     status = {"lpips": "weights_missing"}
@@ -162,8 +195,10 @@ def evaluate_rendering(
         status["ssim"] = "images under 11 pixels"
     if scores["miou_objects"] is None:
         status["miou_objects"] = "no object in the test images"
+    if not confusion.any():
+        status |= dict.fromkeys(("per_class_accuracy", "miou", "miou_objects"), "no labels")
     if scores["depth_median_error_m"] is None:
         status["depth_median_error_m"] = "no surface in the test images"
     n = dict.fromkeys(scores, len(poses))
-    psnrs = np.array(values["psnr"])
-    return TaskResult(scores, n, status, {"images": kept, "confusion": confusion, "psnr": psnrs, "poses": poses})
+    artifact = {"images": kept, "confusion": confusion, "poses": np.stack(poses), **per_view}
+    return TaskResult(scores, n, status, artifact)

@@ -35,7 +35,7 @@ PAPER: dict[tuple[str, str], tuple[float, float]] = {
     ("pose_refinement", "translation_error_m"): (0.00734, 0.00955),
 }
 
-_COLUMNS = ("task", "metric", "unit", "value", "paper best", "paper frontier")
+_COLUMNS, _PAPER_COLUMNS = ("task", "metric", "unit", "value"), ("paper best", "paper frontier")
 
 
 def _text(value: float | None, status: str = "ok") -> str:
@@ -76,16 +76,17 @@ class Scores(list[Score]):
     def _rows(self, yardsticks: Mapping[str, Iterable[Score]]) -> list[tuple[str, ...]]:
         beside = self.yardsticks | dict(yardsticks)
         values = {name: {(r.task, r.metric): r for r in rows} for name, rows in beside.items()}
-        lines = [(*_COLUMNS, *values)]
+        compared = any((row.task, row.metric) in PAPER for row in self)
+        lines = [(*_COLUMNS, *(_PAPER_COLUMNS if compared else ()), *values)]
         for row in self:
             key = (row.task, row.metric)
-            paper = tuple(_text(v) for v in PAPER.get(key, (None, None)))
+            paper = tuple(_text(v) for v in PAPER.get(key, (None, None))) if compared else ()
             others = tuple(_text(by[key].value, by[key].status) if key in by else "–" for by in values.values())
             lines.append((row.task, row.metric, row.unit, _text(row.value, row.status), *paper, *others))
         return lines
 
     def table(self, **yardsticks: Iterable[Score]) -> str:
-        """Plain text, one line a score, beside the paper's best and frontier figures.
+        """Plain text, one line a score, beside the paper's best and frontier figures where it has any.
 
         Args:
             yardsticks: columns beside those of ``self.yardsticks``, such as ``ceiling=Scores``.

@@ -32,7 +32,7 @@ def point_cloud(field: Field, count: int = POINTS) -> tuple[np.ndarray, np.ndarr
         count: about how many rays; views are taken at even intervals along the walk.
 
     Returns:
-        (N, 3) float32 world metres and (N,) uint8 classes.
+        (N, 3) float32 world points and (N,) uint8 classes, all background where the field knows none.
     """
     scale = min(1.0, VIEW_SIDE / max(field.intrinsics.width, field.intrinsics.height))
     intrinsics = field.intrinsics.resized(
@@ -46,7 +46,8 @@ def point_cloud(field: Field, count: int = POINTS) -> tuple[np.ndarray, np.ndarr
         rays_o, rays_d = camera_rays(intrinsics, c2w)
         valid = (image.depth > 0) & np.isfinite(image.depth) & (image.opacity > 0.5)
         points.append((rays_o + image.depth[..., None] * rays_d)[valid].astype(np.float32))
-        classes.append(np.asarray(image.semantics)[valid].astype(np.uint8))
+        labels = np.zeros(valid.shape) if image.semantics is None else np.asarray(image.semantics)
+        classes.append(labels[valid].astype(np.uint8))
     return np.concatenate(points), np.concatenate(classes)
 
 

@@ -19,6 +19,7 @@ from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.bundles import Array, assign, to_numpy
 from autonerf_lab.nerf.field import NeRF
+from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import Model, ModelSpec
 from autonerf_lab.nerf.models import MODELS, model_spec
 from autonerf_lab.nerf.optimizer import Adam
@@ -110,7 +111,7 @@ def save_nerf(nerf: NeRF, folder: str | Path) -> None:
             "package": _package(nerf.meta.get("model")),
             "settings": _plain(model.settings),
             "classes": nerf.classes,
-            "unit": nerf.unit,
+            "frame": {"origin": nerf.frame.origin.tolist(), "unit": nerf.frame.unit},
             "box": {"center": model.box.center.tolist(), "half": model.box.half.tolist(), "shell": model.box.shell},
             "intrinsics": asdict(nerf.intrinsics),
             "visibility": {
@@ -162,7 +163,8 @@ def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | 
         seen = np.unpackbits(arrays["visibility"], count=int(np.prod(grid["shape"]))).astype(bool)
         visibility = Visibility(np.array(grid["origin"]), float(grid["voxel"]), seen.reshape(grid["shape"]))
         intrinsics, meta = Intrinsics(**header["intrinsics"]), dict(header["meta"])
-        return NeRF(built, cameras, intrinsics, visibility, meta, float(header["unit"]), int(header["classes"]))
+        frame = FieldFrame(np.array(header["frame"]["origin"], np.float64), float(header["frame"]["unit"]))
+        return NeRF(built, cameras, intrinsics, visibility, meta, frame, int(header["classes"]))
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path} does not describe a field ({error!r}); fit again") from error
 

@@ -9,6 +9,7 @@ import numpy as np
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics, camera_rays
+from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.visibility import Visibility
 
@@ -18,7 +19,7 @@ class Rendering:
     """What the field shows from one pose."""
 
     rgb: np.ndarray  # (H, W, 3) float32 in [0, 1]
-    depth: np.ndarray  # (H, W) float32, metres along the optical axis, where half of the light is collected
+    depth: np.ndarray  # (H, W) float32, along the optical axis, in the cameras' units: where half of the light is
     semantics: np.ndarray | None  # (H, W) uint8, the class of the largest rendered logit; None: nothing was labelled
     opacity: np.ndarray  # (H, W) float32, share of the light that was collected
 
@@ -30,10 +31,10 @@ class NeRF:
         model: the parameters and the sampler.
         cameras: (T, 4, 4) camera-to-world poses it was trained on.
         intrinsics: the training camera.
-        visibility: what those cameras saw, in the field's units.
-        unit: what the field calls one metre, in the units of the cameras: 1 for a walk.
-        classes: how many it tells apart, 0 where nothing was labelled.
+        visibility: what those cameras saw, in the field's coordinates.
         meta: scene, policy, seed, preset, steps, seconds, PSNR: whatever tells this field from another; JSON values.
+        frame: the field's coordinates in the world of the cameras; the same for a walk.
+        classes: how many it tells apart, 0 where nothing was labelled.
     """
 
     def __init__(
@@ -43,11 +44,12 @@ class NeRF:
         intrinsics: Intrinsics,
         visibility: Visibility,
         meta: dict[str, Any],
-        unit: float = 1.0,
+        frame: FieldFrame | None = None,
         classes: int = NUM_CLASSES,
     ) -> None:
         self.model, self.cameras, self.intrinsics = model, cameras, intrinsics
-        self.visibility, self.meta, self.unit, self.classes = visibility, meta, unit, classes
+        self.visibility, self.meta, self.classes = visibility, meta, classes
+        self.frame = frame or FieldFrame()
 
     def render(self, c2w: np.ndarray, intrinsics: Intrinsics | None = None) -> Rendering:
         """The view of a camera.
@@ -56,21 +58,11 @@ class NeRF:
             c2w: (4, 4) camera-to-world, world frame of the training poses.
             intrinsics: the camera; the training camera when none is given.
         """
-        intrinsics = intrinsics or self.intrinsics
-        rays_o, rays_d = camera_rays(intrinsics, c2w)
-        shape = rays_d.shape[:2]
-        origins, directions, length = _unit(rays_o.reshape(-1, 3) / self.unit, rays_d.reshape(-1, 3))
-        color, logits, depth, opacity = self.model.render_rays(origins, directions)
-        return Rendering(
-            color.reshape(*shape, 3),
-            (self.unit * depth / length).reshape(shape),
-            logits.argmax(axis=1).astype(np.uint8).reshape(shape) if self.classes else None,
-            opacity.reshape(shape),
-        )
+        return render(self.model, self.frame, c2w, intrinsics or self.intrinsics)
 
     def density(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N,) float32, sigma per metre (or whatever unit the cameras have)."""
-        return self.model.field.density(points / self.unit) / np.float32(self.unit)
+        """(N, 3) world points -> (N,) float32, sigma per metre, or per whatever unit the cameras have."""
+        return self.model.field.density(self.frame.enter(points)) / np.float32(self.frame.unit)
 
     def color(self, points: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
         """Colours at points.
@@ -84,7 +76,7 @@ class NeRF:
         """
         if directions is None:
             directions = np.broadcast_to(np.array([0, 0, -1.0]), (len(points), 3))
-        return self.model.field.color(points / self.unit, directions)
+        return self.model.field.color(self.frame.enter(points), directions)
 
     def semantics(self, points: np.ndarray) -> np.ndarray:
         """(N, 3) world points -> (N, 16) float32 probabilities of the classes.
@@ -94,13 +86,13 @@ class NeRF:
         """
         if not self.classes:
             raise DataError("this field knows no classes: it was trained on images without semantics")
-        logits = self.model.field.logits(points / self.unit)
+        logits = self.model.field.logits(self.frame.enter(points))
         odds = np.exp(logits - logits.max(axis=1, keepdims=True))
         return odds / odds.sum(axis=1, keepdims=True)
 
     def seen(self, points: np.ndarray) -> np.ndarray:
         """(N, 3) world points -> (N,) bool: on the way from a training camera to the surface it shows, or on it."""
-        return self.visibility(points / self.unit)
+        return self.visibility(self.frame.enter(points))
 
     def ray_gradients(
         self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
@@ -115,10 +107,10 @@ class NeRF:
         Returns:
             error (N,), mean over the channels; its gradients for ``rays_o`` and for ``rays_d``, (N, 3) each.
         """
-        origins, directions, length = _unit(rays_o / self.unit, rays_d)
+        origins, directions, length = _unit(self.frame.enter(rays_o), rays_d)
         error, d_o, d_unit = self.model.ray_gradients(origins, directions, np.ascontiguousarray(target, np.float32))
         along = (d_unit * directions).sum(axis=1, keepdims=True)
-        return error, d_o / np.float32(self.unit), (d_unit - along * directions) / length[:, None]
+        return error, d_o / np.float32(self.frame.unit), (d_unit - along * directions) / length[:, None]
 
     def save(self, folder: str | Path) -> None:
         """Write ``nerf.safetensors`` and ``nerf.json``: see :mod:`autonerf_lab.nerf.checkpoint`."""
@@ -129,6 +121,27 @@ class NeRF:
     def __repr__(self) -> str:
         scene, steps = self.meta.get("scene", "?"), self.meta.get("steps", "?")
         return f"NeRF({self.meta.get('model', '?')}, scene={scene}, {len(self.cameras)} views, {steps} steps)"
+
+
+def render(model: Model, frame: FieldFrame, c2w: np.ndarray, intrinsics: Intrinsics) -> Rendering:
+    """The view of a camera, of a model that may still be in training: all that is asked of it is ``render_rays``.
+
+    Args:
+        model: the parameters and the sampler.
+        frame: its coordinates in the world of the camera.
+        c2w: (4, 4) camera-to-world.
+        intrinsics: the camera.
+    """
+    rays_o, rays_d = camera_rays(intrinsics, c2w)
+    shape = rays_d.shape[:2]
+    origins, directions, length = _unit(frame.enter(rays_o.reshape(-1, 3)), rays_d.reshape(-1, 3))
+    color, logits, depth, opacity = map(np.asarray, model.render_rays(origins, directions))
+    return Rendering(
+        color.reshape(*shape, 3),
+        (frame.unit * depth / length).reshape(shape),
+        logits.argmax(axis=1).astype(np.uint8).reshape(shape) if logits.shape[1] else None,
+        opacity.reshape(shape),
+    )
 
 
 def _unit(rays_o: np.ndarray, rays_d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Training: a walk goes in, a field comes out (section 3.3: RGB, semantics and poses, no depth)."""
+"""Training: a walk or photographs go in, a field comes out (section 3.3: RGB, semantics and poses, no depth)."""
 
 import hashlib
 import time
@@ -18,10 +18,11 @@ from autonerf_lab.errors import DataError, TrainingError
 from autonerf_lab.nerf.bundles import Array
 from autonerf_lab.nerf.checkpoint import TrainingState
 from autonerf_lab.nerf.field import NeRF
+from autonerf_lab.nerf.frame import SPREAD, FieldFrame, inliers
 from autonerf_lab.nerf.model import Model, ModelSpec
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
-from autonerf_lab.nerf.pixels import SPREAD, Pixels, field_unit
+from autonerf_lab.nerf.pixels import Pixels
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.nerf.visibility import VOXEL, Visibility, carve
@@ -84,18 +85,20 @@ def fit(
     settings = replace(settings, steps=steps) if steps is not None else settings
     data = Dataset.of(data) if isinstance(data, Trajectory) else data
     settings = _for_data(settings, data)
-    unit = field_unit(data)
+    frame = FieldFrame.of(data)
     rng = np.random.default_rng(seed)
-    box = SceneBox.around(data.poses[:, :3, 3] / unit, settings.margin, settings.shell)
+    positions = frame.enter(data.poses[:, :3, 3])
+    around = positions if data.metric else positions[inliers(positions)]
+    box = SceneBox.around(around, settings.margin, settings.shell)
     classes = 0 if data.semantics is None else NUM_CLASSES
     try:
         built = spec.build(settings, box, len(data), classes, rng, device)
         state = TrainingState(built, Adam(built.parameters), rng)
         if checkpoint is not None:
             state.resume(checkpoint, {"seed": seed, "model": spec.name, "views": _fingerprint(data)})
-        pixels = Pixels(data if settings.depth_weight else replace(data, depths=None), unit)
+        pixels = Pixels(data if settings.depth_weight else replace(data, depths=None), frame)
         _train(state, pixels, seconds, checkpoint, progress, callback)
-        poses = data.poses if built.cameras is None else built.cameras.poses(data.poses, unit)
+        poses = data.poses if built.cameras is None else built.cameras.poses(data.poses, frame.unit)
         visibility = _visibility(built, pixels, data.metric, seed)
     except (MemoryError, torch.OutOfMemoryError) as error:
         raise TrainingError(
@@ -105,7 +108,7 @@ def fit(
     meta: dict[str, Any] = {key: data.meta.get(key) for key in ("scene", "scene_sha256", "policy", "start")}
     meta |= {"model": spec.name, "preset": chosen.name, "seed": seed, "steps": state.step}
     meta |= {"train_psnr": state.psnr, "seconds": state.seconds}
-    return NeRF(built, poses, data.cameras[0], visibility, meta, unit, classes)
+    return NeRF(built, poses, data.cameras[0], visibility, meta, frame, classes)
 
 
 def _for_data(settings: Settings, data: Dataset) -> Settings:
@@ -114,8 +117,9 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
     Raises:
         DataError: there is nothing to learn from.
     """
-    if len(data) < 2 or np.ptp(data.poses, axis=0).max() < 1e-6:
-        raise DataError("cannot learn a scene from one view: the trajectory needs at least two different poses")
+    if len(data) < 2 or not np.ptp(data.poses, axis=0).any():
+        raise DataError("cannot learn a scene from one view: at least two different poses are needed")
+    data.check()
     if data.semantics is not None and (most := max(int(layer.max()) for layer in data.semantics)) >= NUM_CLASSES:
         raise DataError(f"the semantics hold the class {most}; classes are 0 to {NUM_CLASSES - 1}")
     if settings.depth_weight and data.depths is None:
@@ -128,6 +132,7 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
 def _fingerprint(data: Dataset) -> str:
     """Tells one set of views from another."""
     digest = hashlib.sha256(data.poses.tobytes())
+    digest.update(repr(data.cameras).encode())
     for image in data.images:
         digest.update(image.tobytes())
     return digest.hexdigest()
@@ -189,5 +194,6 @@ def _visibility(model: Model, pixels: Pixels, metric: bool, seed: int) -> Visibi
     _, _, depth, _ = model.render_rays(rays.origins, rays.directions)
     if metric:
         return carve(rays.origins, rays.directions, depth)
-    # the background of photographs has no end, a grid has
-    return carve(rays.origins, rays.directions, np.minimum(depth, SEEN_REACH), voxel=2 * VOXEL)
+    # the background of photographs has no end and a lost camera no place, a grid has
+    near = (np.abs(rays.origins - model.box.center) <= model.box.half).all(axis=1)
+    return carve(rays.origins[near], rays.directions[near], np.minimum(depth[near], SEEN_REACH), voxel=2 * VOXEL)

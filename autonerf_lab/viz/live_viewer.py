@@ -3,14 +3,16 @@
 import time
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from autonerf_lab.evaluators.field import Image
-from autonerf_lab.geometry import Intrinsics, camera_rays
+from autonerf_lab.dataset import Dataset
+from autonerf_lab.nerf.field import Rendering, render
+from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.trajectory import Trajectory
 from autonerf_lab.viz.viewer import SECONDS, Viewer
 
 if TYPE_CHECKING:
-    from autonerf_lab.trajectory import Trajectory
+    import numpy as np
+
+    from autonerf_lab.geometry import Intrinsics
 
 LIVE_SECONDS = SECONDS[:2]  # a training does not wait longer
 REFRESH = 3.0  # seconds after which a browser is shown what was learned since
@@ -24,7 +26,7 @@ class LiveViewer(Viewer):
     a browser they take none. After the training, :meth:`Viewer.show` goes on with what it has become.
 
     Args:
-        trajectory: the walk to be learned.
+        data: the walk or the photographs to be learned.
         port: as for `Viewer`.
 
     Example::
@@ -34,8 +36,10 @@ class LiveViewer(Viewer):
             nerf = fit(trajectory, callback=viewer)
     """
 
-    def __init__(self, trajectory: "Trajectory", port: int = 0) -> None:
-        super().__init__(trajectory.poses, trajectory.intrinsics, port)
+    def __init__(self, data: Trajectory | Dataset, port: int = 0) -> None:
+        data = Dataset.of(data) if isinstance(data, Trajectory) else data
+        super().__init__(data.poses, data.cameras[0], port, FieldFrame.of(data))
+        self._offer_semantics(data.semantics is not None)
         self._rest_until = 0.0
 
     def __call__(self, step: int, model: Any) -> None:
@@ -44,23 +48,9 @@ class LiveViewer(Viewer):
         if self._thread is not None or self._stop.is_set() or started < self._rest_until:
             return
 
-        def render(c2w: np.ndarray, intrinsics: Intrinsics) -> Image:
-            return _render_model(model, c2w, intrinsics)
+        def show(c2w: "np.ndarray", intrinsics: "Intrinsics") -> Rendering:
+            return render(model, self.frame, c2w, intrinsics)
 
-        if self._draw(render, LIVE_SECONDS, REFRESH):
+        if self._draw(show, LIVE_SECONDS, REFRESH):
             self._status.content = f"step {step}: {self._status.content}"
             self._rest_until = time.monotonic() + (time.monotonic() - started) * (1 - SHARE) / SHARE
-
-
-def _render_model(model: Any, c2w: np.ndarray, intrinsics: Intrinsics) -> Image:
-    """A picture of a model in training; all that is asked of it is ``render_rays``."""
-    rays_o, rays_d = (rays.reshape(-1, 3) for rays in camera_rays(intrinsics, c2w))
-    length = np.linalg.norm(rays_d, axis=1)
-    origins = np.ascontiguousarray(rays_o, np.float32)
-    parts = model.render_rays(origins, np.ascontiguousarray(rays_d / length[:, None], np.float32))
-    color, logits, depth, opacity = map(np.asarray, parts)
-    shape = intrinsics.height, intrinsics.width
-    classes = logits.argmax(axis=1).astype(np.uint8)
-    return Image(
-        color.reshape(*shape, 3), (depth / length).reshape(shape), classes.reshape(shape), opacity.reshape(shape)
-    )

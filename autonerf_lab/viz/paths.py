@@ -16,7 +16,7 @@ FRAMES_PER_STEP = 6  # of a walk: at 24 frames a second a robot that goes straig
 KEY_STEPS = 4  # poses of a walk from one key pose to the next
 
 
-def camera_path(poses: np.ndarray, frames: int) -> np.ndarray:
+def camera_path(poses: np.ndarray, frames: int, unit: float = 1.0) -> np.ndarray:
     """A smooth way through key poses.
 
     Positions follow a monotone cubic spline (PCHIP) in each coordinate: between two keys the camera stays in the box
@@ -26,6 +26,7 @@ def camera_path(poses: np.ndarray, frames: int) -> np.ndarray:
     Args:
         poses: (K, 4, 4) camera-to-world, any frame.
         frames: how many poses to return; the first and the last are those of the keys.
+        unit: what counts as a metre, in the units of the poses.
 
     Returns:
         (frames, 4, 4) float64, in the frame of ``poses``.
@@ -42,7 +43,7 @@ def camera_path(poses: np.ndarray, frames: int) -> np.ndarray:
         raise DataError(f"a camera path of {frames} frames goes nowhere; ask for two or more")
     poses = np.asarray(poses, dtype=np.float64)
     turns = Rotation.from_matrix(poses[:, :3, :3])
-    moved = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1) / FORWARD_STEP
+    moved = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1) / (unit * FORWARD_STEP)
     lasts = moved + (turns[:-1].inv() * turns[1:]).magnitude() / TURN_ANGLE
     different = np.concatenate([[True], lasts > 1e-6])  # a robot that bumps into something stays where it is
     if different.sum() < 2:
@@ -57,6 +58,8 @@ def camera_path(poses: np.ndarray, frames: int) -> np.ndarray:
 
 def walk_path(field: "Field", frames: int) -> np.ndarray:
     """The way of the robot, smoothed: through every fourth training camera, which cuts corners by centimetres.
+
+    Of photographs it is the way in their order.
 
     Where the walk is too long for the frames, the stretch of it that covers the most ground is taken.
 
@@ -75,4 +78,4 @@ def walk_path(field: "Field", frames: int) -> np.ndarray:
     so_far = np.concatenate([[0.0], np.cumsum(way)])
     first = int(np.argmax(so_far[steps:] - so_far[:-steps])) if steps < len(so_far) else 0
     last = min(first + steps, len(so_far) - 1)
-    return camera_path(field.cameras[[*range(first, last, KEY_STEPS), last]], frames)
+    return camera_path(field.cameras[[*range(first, last, KEY_STEPS), last]], frames, field.frame.unit)

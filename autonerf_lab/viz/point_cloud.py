@@ -1,6 +1,6 @@
 """A field as coloured points, for programs that know no fields."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,15 +22,15 @@ MIN_OPACITY = 0.5
 class PointCloud:
     """Points with colours and classes."""
 
-    points: np.ndarray  # (N, 3) float32, metres, world frame
+    points: np.ndarray  # (N, 3) float32, world frame, in the units of the cameras: metres for a walk
     colors: np.ndarray  # (N, 3) uint8
-    classes: np.ndarray  # (N,) uint8, index into CLASS_NAMES
+    classes: np.ndarray | None  # (N,) uint8, index into CLASS_NAMES; None: the field knows none
 
     def __len__(self) -> int:
         return len(self.points)
 
     def save(self, path: str | Path) -> Path:
-        """Write a binary PLY: x, y, z, red, green, blue, alpha (always 255) and ``label``, the class.
+        """Write a binary PLY: x, y, z, red, green, blue, alpha (always 255) and, where there are classes, ``label``.
 
         Raises:
             DataError: another ending, no points, or a file that cannot be written.
@@ -44,7 +44,8 @@ class PointCloud:
         if not len(self):
             raise DataError(f"{path}: there are no points, the field holds nothing that its training cameras see")
         points: Any = Points(self.points, colors=self.colors)
-        points.vertex_attributes = {"label": self.classes}  # what the writer takes along from any geometry
+        if self.classes is not None:
+            points.vertex_attributes = {"label": self.classes}  # what the writer takes along from any geometry
         storage.write_bytes(path, export_ply(points))
         return path
 
@@ -76,7 +77,7 @@ def point_cloud(field: "Field", count: int = 200_000, seed: int = 0) -> PointClo
     views = min(len(field.cameras), -(-count // VIEW_RAYS))
     stride = int(np.sqrt(views * camera.width * camera.height / max(count, 1)))
     stride = min(max(stride, 1), camera.width, camera.height)
-    points, colors, classes = [np.zeros((0, 3), np.float32)], [np.zeros((0, 3), np.uint8)], [np.zeros(0, np.uint8)]
+    points, colors, classes = [], [], []
     for view in np.sort(rng.choice(len(field.cameras), views, replace=False)):
         lattice = _lattice(camera, stride, *rng.integers(stride, size=2).tolist())
         image = field.render(field.cameras[view], lattice)
@@ -84,27 +85,29 @@ def point_cloud(field: "Field", count: int = 200_000, seed: int = 0) -> PointClo
         ends = (image.opacity > MIN_OPACITY) & np.isfinite(image.depth) & (image.depth > 0)
         points.append((rays_o + image.depth[..., None] * rays_d)[ends].astype(np.float32))
         colors.append(paint(image, "rgb")[ends])
-        classes.append(np.asarray(image.semantics)[ends].astype(np.uint8))
-    cloud = [np.concatenate(parts) for parts in (points, colors, classes)]
-    if len(cloud[0]) > count:
-        kept = np.sort(rng.choice(len(cloud[0]), count, replace=False))
-        cloud = [part[kept] for part in cloud]
-    return PointCloud(*cloud)
+        if image.semantics is not None:
+            classes.append(np.asarray(image.semantics)[ends].astype(np.uint8))
+    cloud = PointCloud(np.concatenate(points), np.concatenate(colors), np.concatenate(classes) if classes else None)
+    if len(cloud) <= count:
+        return cloud
+    kept = np.sort(rng.choice(len(cloud), count, replace=False))
+    return PointCloud(cloud.points[kept], cloud.colors[kept], None if cloud.classes is None else cloud.classes[kept])
 
 
 def _lattice(camera: Intrinsics, stride: int, column: int, row: int) -> Intrinsics:
     """The camera whose pixels are every ``stride``-th pixel of another, from (row, column) on.
 
     Example:
-        >>> camera = Intrinsics.from_fov(8, 8)
+        >>> camera = replace(Intrinsics.from_fov(8, 8), k1=-0.05)
         >>> np.allclose(_lattice(camera, 3, 1, 2).directions(), camera.directions()[2::3, 1::3])
         True
     """
-    return Intrinsics(
-        -(-(camera.width - column) // stride),
-        -(-(camera.height - row) // stride),
-        camera.fl_x / stride,
-        camera.fl_y / stride,
-        (camera.cx - column - 0.5) / stride + 0.5,
-        (camera.cy - row - 0.5) / stride + 0.5,
+    return replace(
+        camera,
+        width=-(-(camera.width - column) // stride),
+        height=-(-(camera.height - row) // stride),
+        fl_x=camera.fl_x / stride,
+        fl_y=camera.fl_y / stride,
+        cx=(camera.cx - column - 0.5) / stride + 0.5,
+        cy=(camera.cy - row - 0.5) / stride + 0.5,
     )

@@ -37,7 +37,8 @@ def save_video(
         path: (F, 4, 4) camera-to-world, world frame, one a frame: see :mod:`autonerf_lab.viz.paths`.
         file: ``.mp4`` (H.264, plays everywhere) or ``.gif``.
         fps: frames a second.
-        what: ``rgb``, ``depth``, ``semantics``, ``opacity``, or ``all`` for the first three side by side.
+        what: ``rgb``, ``depth``, ``semantics``, ``opacity``, or ``all`` for the first three side by side
+            (without semantics where the field knows no classes).
         intrinsics: the camera; the training camera without. An odd side grows by one pixel: H.264 wants it even.
         progress: show a bar.
 
@@ -45,7 +46,8 @@ def save_video(
         The file.
 
     Raises:
-        DataError: another ending, no frames, no frames a second, or a file that cannot be written.
+        DataError: another ending, no frames, no frames a second, semantics of a field that knows no classes, or a file
+            that cannot be written.
         UnknownNameError: there is no such ``what``.
         MissingPackageError: the extra ``viewer`` is not installed.
     """
@@ -72,7 +74,9 @@ def save_video(
             with imageio.get_writer(unfinished, mode="I", **settings) as writer:
                 for c2w in tqdm(path, disable=not progress, desc=file.name, unit="frame"):
                     image = field.render(c2w, intrinsics or field.intrinsics)
-                    writer.append_data(_even(np.concatenate([paint(image, layer) for layer in layers], axis=1)))
+                    shown = layers if image.semantics is not None or what != "all" else SIDE_BY_SIDE[:2]
+                    pictures = [paint(image, layer, field.frame.unit) for layer in shown]
+                    writer.append_data(_even(np.concatenate(pictures, axis=1)))
             storage.write_bytes(file, unfinished.read_bytes())
     except OSError as error:
         raise DataError(f"cannot write {file}: {error.strerror or error}; choose another file") from error

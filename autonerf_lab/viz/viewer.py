@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.viz.extras import optional
 from autonerf_lab.viz.paint import LAYERS, paint
 from autonerf_lab.viz.point_cloud import point_cloud
@@ -54,20 +55,23 @@ class Viewer:
     empty where the browser runs on another machine than the kernel.
 
     Args:
-        cameras: (T, 4, 4) camera-to-world poses of the training, world frame.
+        cameras: (T, 4, 4) camera-to-world poses of the training, world frame, user units.
         intrinsics: of these cameras.
         port: of the page; 0 takes a free one, and so does one that is in use.
+        frame: the coordinates of the page, in which everything is a room's size; the world for a walk.
 
     Raises:
         DataError: no such port.
         MissingPackageError: the extra ``viewer`` is not installed.
     """
 
-    def __init__(self, cameras: np.ndarray, intrinsics: Intrinsics, port: int = 0) -> None:
+    def __init__(
+        self, cameras: np.ndarray, intrinsics: Intrinsics, port: int = 0, frame: FieldFrame | None = None
+    ) -> None:
         viser = optional("viser", "viewer")
         if not 0 <= port < 1 << 16:
             raise DataError(f"{port} is no port; choose one from 1024 to 65535, or 0 for any that is free")
-        self.cameras, self.intrinsics = cameras, intrinsics
+        self.cameras, self.intrinsics, self.frame = cameras, intrinsics, frame or FieldFrame()
         self._render: Render | None = None
         self._generation = 0  # counts the fields that were shown
         self._rays = [20_000 * seconds for seconds in SECONDS]  # that fit into them: learned while drawing
@@ -92,13 +96,14 @@ class Viewer:
             box = server.gui.add_checkbox(name, visible)
             box.on_update(lambda event, group=group: setattr(group, "visible", event.target.value))
         self._status = server.gui.add_markdown("no field yet")
-        eye = self.cameras[0]
+        cameras = self.frame.enter_poses(self.cameras)
+        eye = cameras[0]
         server.initial_camera.position = eye[:3, 3]
         server.initial_camera.look_at = eye[:3, 3] - eye[:3, 2]
-        stride = -(-len(self.cameras) // FRUSTUMS)
+        stride = -(-len(cameras) // FRUSTUMS)
         fov = 2 * np.arctan(self.intrinsics.height / 2 / self.intrinsics.fl_y)
-        for k in range(stride // 2, len(self.cameras), stride):
-            pose = self.cameras[k]
+        for k in range(stride // 2, len(cameras), stride):
+            pose = cameras[k]
             if np.linalg.norm(pose[:3, 3] - eye[:3, 3]) < 0.2:  # it would stand in the way of the first look
                 continue
             server.scene.add_camera_frustum(
@@ -118,17 +123,22 @@ class Viewer:
 
         Rendering it elsewhere at the same time is safe as far as the field's own threads are.
         """
-        self._picture = paint(field.render(self.cameras[0], self.intrinsics), "rgb")
+        image = field.render(self.cameras[0], self.intrinsics)
+        self._picture = paint(image, "rgb")
+        self._offer_semantics(image.semantics is not None)
         cloud = point_cloud(field, POINTS)
         if len(cloud):
             self._server.scene.add_point_cloud(
-                "/points/cloud", cloud.points, cloud.colors, point_size=0.015, precision="float32"
+                "/points/cloud", self.frame.enter(cloud.points), cloud.colors, point_size=0.015, precision="float32"
             )
         self._render = field.render
         self._generation += 1
         if self._thread is None:
             self._thread = threading.Thread(target=self._draw_until_closed, name="viewer", daemon=True)
             self._thread.start()
+
+    def _offer_semantics(self, known: bool) -> None:
+        self._layer.options = [layer for layer in LAYERS if known or layer != "semantics"]
 
     def _draw_until_closed(self) -> None:
         while not self._stop.is_set():
@@ -165,11 +175,11 @@ class Viewer:
             return  # a window that is folded away
         rays = min(self._rays[level], camera.image_width * camera.image_height)
         intrinsics = _intrinsics(camera, rays)
-        image = render(_pose(camera), intrinsics)
+        image = render(self.frame.leave_poses(_pose(camera)), intrinsics)
         spent = time.perf_counter() - started
         self._rays[level] = rays * float(np.clip(SECONDS[level] / spent, 0.5, 2))
-        depth = np.nan_to_num(np.asarray(image.depth, np.float32))
-        self._picture = paint(image, layer)
+        depth = np.nan_to_num(np.asarray(image.depth, np.float32)) / np.float32(self.frame.unit)
+        self._picture = paint(image, layer, self.frame.unit)
         client.scene.set_background_image(self._picture, format="jpeg", jpeg_quality=90, depth=depth)
         self._status.content = f"{intrinsics.width} x {intrinsics.height} pixels in {spent:.2f} s"
 
@@ -211,7 +221,7 @@ def nerf_viewer(field: "Field", port: int = 0) -> Viewer:
     Raises:
         DataError, MissingPackageError: as `Viewer`.
     """
-    viewer = Viewer(field.cameras, field.intrinsics, port)
+    viewer = Viewer(field.cameras, field.intrinsics, port, field.frame)
     try:
         viewer.show(field)
     except BaseException:
@@ -221,7 +231,7 @@ def nerf_viewer(field: "Field", port: int = 0) -> Viewer:
 
 
 def _pose(camera: Any) -> np.ndarray:
-    """(4, 4) camera-to-world of a browser."""
+    """(4, 4) camera-to-world of a browser, in the coordinates of the page."""
     c2w = np.eye(4)
     c2w[:3, :3] = Rotation.from_quat(camera.wxyz[[1, 2, 3, 0]]).as_matrix() @ _GL_TO_CV
     c2w[:3, 3] = camera.position

@@ -11,11 +11,11 @@ from typing import Any
 import numba
 import numpy as np
 import torch
-from common.views import Recorded, read_views
+from common.views import read_views
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.dataset import Dataset
-from autonerf_lab.evaluators.rendering import evaluate_rendering
+from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
 from autonerf_lab.nerf import fit
 from autonerf_lab.nerf.bundles import assign, to_numpy
 from autonerf_lab.nerf.field import NeRF
@@ -148,10 +148,10 @@ def fit_and_score(
     train, test = read_views(folder, depth=settings.depth_weight > 0)
     compile_kernels(train, settings, model)
     rows: list[dict[str, Any]] = []
-    sim = Recorded(test)
+    asked = Dataset.of(test)
 
     def judge(field: NeRF, mark: float | None) -> None:
-        scores = evaluate_rendering(field, sim, test.poses).values
+        scores = evaluate_rendering(field, photographed_views(asked)).values
         rows.append({"mark_s": mark, "seconds": watch.seconds, "step": watch.step, **scores})
 
     watch = Stopwatch(marks, lambda step, model: judge(in_training(model, train), watch.mark))

@@ -4,40 +4,19 @@ Poses are uniform over the navigable ground and heading; those to train on and t
 are written as trajectory folders, so that a process that trains never holds a scene, its texture or a simulator.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from autonerf_lab.dataset import Dataset
 from autonerf_lab.evaluators.nearest_view import NearestView
-from autonerf_lab.evaluators.rendering import evaluate_rendering, sample_test_poses
+from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views, sample_test_poses
 from autonerf_lab.scenes import Scene, generate_apartment, load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory, load_trajectory
 
 TEST_SEED, TRAIN_SEED = 0, 1
-
-
-@dataclass(frozen=True)
-class View:
-    """What the simulator showed."""
-
-    rgb: np.ndarray  # (H, W, 3) uint8
-    depth: np.ndarray  # (H, W) float32
-    semantics: np.ndarray  # (H, W) uint8
-
-
-class Recorded:
-    """Stands in for the simulator where an evaluator asks it for the poses of a trajectory."""
-
-    def __init__(self, views: Trajectory) -> None:
-        self.views, self.intrinsics = views, views.intrinsics
-        self._index = {c2w.tobytes(): t for t, c2w in enumerate(views.poses)}
-
-    def render(self, c2w: np.ndarray) -> View:
-        """The photograph that was taken from exactly there."""
-        t = self._index[c2w.tobytes()]
-        return View(self.views.rgb[t], self.views.depth[t], self.views.semantics[t])
 
 
 def write_views(name: str, folder: Path, train: int, test: int) -> dict[str, float]:
@@ -54,7 +33,7 @@ def write_views(name: str, folder: Path, train: int, test: int) -> dict[str, flo
         rgb, depth, semantics = (np.stack([getattr(f, key) for f in frames]) for key in ("rgb", "depth", "semantics"))
         Trajectory(poses, rgb, depth, semantics, sim.intrinsics, {"scene": name}).save(folder / part)
     known, asked = read_views(folder)
-    scores = evaluate_rendering(NearestView(known), Recorded(asked), asked.poses).values
+    scores = evaluate_rendering(NearestView(known), photographed_views(Dataset.of(asked))).values
     return {"area_m2": floor_area(scene.spec), **scores}
 
 
