@@ -5,6 +5,7 @@ import pytest
 
 from autonerf_lab.dataset import Dataset
 from autonerf_lab.geometry import Intrinsics, planar_pose
+from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.pixels import Pixels
 from autonerf_lab.trajectory import Trajectory
 
@@ -16,7 +17,7 @@ def pixels_of(labels: np.ndarray | None) -> Pixels:
     poses = np.stack([planar_pose(0, 0, 0), planar_pose(1, 0, 0)])
     images = np.zeros((2, 101, 100, 3), np.uint8)
     semantics = None if labels is None else np.stack([labels, np.zeros_like(labels)])
-    return Pixels(Dataset.of(Trajectory(poses, images, None, semantics, CAMERA)))
+    return Pixels(Dataset.of(Trajectory(poses, images, None, semantics, CAMERA)), FieldFrame())
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_v
 from autonerf_lab.nerf import fit
 from autonerf_lab.nerf.bundles import assign, to_numpy
 from autonerf_lab.nerf.field import NeRF
+from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
@@ -87,7 +88,7 @@ class Trainer:
 
 def pixels_of(views: Trajectory) -> Pixels:
     """Everything there is to learn from."""
-    return Pixels(Dataset.of(views))
+    return Pixels(Dataset.of(views), FieldFrame())
 
 
 def interleaved(steps: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:
