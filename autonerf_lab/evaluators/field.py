@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.geometry import Intrinsics, camera_rays
 from autonerf_lab.nerf.frame import FieldFrame
 
 
@@ -17,6 +17,29 @@ class Image:
     depth: np.ndarray  # (H, W) float32, metres along the optical axis, the median of the weights
     semantics: np.ndarray | None  # (H, W) uint8, class index; None: the field knows no classes
     opacity: np.ndarray  # (H, W) float32 in [0, 1]
+
+
+def surface_points(image: Any, c2w: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, np.ndarray]:
+    """Where the rays of a picture end; those that collect less than half of the light end nowhere.
+
+    Args:
+        image: what a field shows, with the fields of :class:`Image`.
+        c2w: (4, 4) camera-to-world it was rendered from.
+        intrinsics: of that camera.
+
+    Returns:
+        (N, 3) float32 world points, and (H, W) bool: their pixels, in the same order.
+
+    Example:
+        >>> one = np.ones((1, 2), np.float32)
+        >>> image = Image(one[..., None].repeat(3, axis=2), 2 * one, None, np.array([[1.0, 0.4]]))
+        >>> points, ends = surface_points(image, np.eye(4), Intrinsics.from_fov(2, 1))
+        >>> points.tolist(), ends.tolist()
+        ([[-1.0, 0.0, -2.0]], [[True, False]])
+    """
+    rays_o, rays_d = camera_rays(intrinsics, c2w)
+    ends = (image.depth > 0) & np.isfinite(image.depth) & (image.opacity > 0.5)
+    return (rays_o + image.depth[..., None] * rays_d)[ends].astype(np.float32), ends
 
 
 class Field(Protocol):

@@ -15,10 +15,9 @@ precision 0.
 import numpy as np
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.evaluators.field import Field
+from autonerf_lab.evaluators.field import Field, surface_points
 from autonerf_lab.evaluators.maps import TOLERANCE, share_within
 from autonerf_lab.evaluators.truth import BAND, Grid, TrueMap
-from autonerf_lab.geometry import camera_rays
 
 VIEW_SIDE = 64  # pixels
 POINTS = 1_000_000
@@ -43,11 +42,10 @@ def point_cloud(field: Field, count: int = POINTS) -> tuple[np.ndarray, np.ndarr
     for k in np.linspace(0, len(field.cameras) - 1, views).round().astype(int):
         c2w = field.cameras[k]
         image = field.render(c2w, intrinsics)
-        rays_o, rays_d = camera_rays(intrinsics, c2w)
-        valid = (image.depth > 0) & np.isfinite(image.depth) & (image.opacity > 0.5)
-        points.append((rays_o + image.depth[..., None] * rays_d)[valid].astype(np.float32))
-        labels = np.zeros(valid.shape) if image.semantics is None else np.asarray(image.semantics)
-        classes.append(labels[valid].astype(np.uint8))
+        found, ends = surface_points(image, c2w, intrinsics)
+        labels = np.zeros(ends.shape) if image.semantics is None else np.asarray(image.semantics)
+        points.append(found)
+        classes.append(labels[ends].astype(np.uint8))
     return np.concatenate(points), np.concatenate(classes)
 
 

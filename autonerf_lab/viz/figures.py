@@ -54,6 +54,17 @@ def _floor(ax: "Axes", title: str) -> None:
     ax.tick_params(labelsize=7)
 
 
+def from_best_to_worst(badness: np.ndarray, count: int) -> np.ndarray:
+    """Which of (N,) pictures to show: at most so many, evenly spread from the least to the largest.
+
+    Example:
+        >>> from_best_to_worst(np.array([3.0, 1.0, 2.0, 5.0, 4.0]), 3).tolist()
+        [1, 0, 3]
+    """
+    order = np.argsort(badness, kind="stable")
+    return order[np.unique(np.linspace(0, len(order) - 1, min(count, len(order))).round().astype(int))]
+
+
 def render_comparison(artifact: dict[str, Any], rows: int = 4) -> Figure:
     """Truth beside rendering: RGB, FLIP error and semantics, one row a test pose.
 
@@ -62,8 +73,7 @@ def render_comparison(artifact: dict[str, Any], rows: int = 4) -> Figure:
     if not artifact:
         return nothing()
     images = artifact["images"]
-    order = np.argsort(-artifact["psnr"][: len(images)])
-    chosen = order[np.unique(np.linspace(0, len(images) - 1, min(rows, len(images))).round().astype(int))]
+    chosen = from_best_to_worst(-artifact["psnr"][: len(images)], rows)
     titles = ("RGB, true", "rendered", "FLIP error", "semantics, true", "rendered")
     figure = _figure(1.9 * len(titles), 1.95 * len(chosen) + 0.8)
     axes = figure.subplots(len(chosen), len(titles), squeeze=False)

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from autonerf_lab.evaluators.maps import OPACITY_STEP, OPACITY_THRESHOLD
-from autonerf_lab.viz.figures import nothing
+from autonerf_lab.viz.figures import from_best_to_worst, nothing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,8 +46,7 @@ def depth_errors(artifact: dict[str, Any], rows: int = 4) -> Figure:
     images = artifact["images"]
     errors = [np.where(i["true_depth"] > 0, 100 * (i["depth"] - i["true_depth"]), np.nan) for i in images]
     median = np.array([np.nanmedian(np.abs(e)) if np.isfinite(e).any() else np.inf for e in errors])
-    order = np.argsort(median, kind="stable")
-    chosen = order[np.unique(np.linspace(0, len(images) - 1, min(rows, len(images))).round().astype(int))]
+    chosen = from_best_to_worst(median, rows)
     deepest = max(float(images[k]["true_depth"].max()) for k in chosen)
     titles = ("true colour", "depth, true", "depth, rendered", "rendered − true")
     figure = Figure(figsize=(2.2 * len(titles), 2.2 * len(chosen) + 0.9), layout="constrained")

@@ -8,14 +8,14 @@ import numpy as np
 
 from autonerf_lab import storage
 from autonerf_lab.errors import DataError
-from autonerf_lab.geometry import Intrinsics, camera_rays
+from autonerf_lab.evaluators.field import surface_points
+from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.viz.paint import paint
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators.field import Field
 
 VIEW_RAYS = 2048  # in one training camera: fewer would see more of them, but rendering pays for each picture
-MIN_OPACITY = 0.5
 
 
 @dataclass(frozen=True)
@@ -81,9 +81,8 @@ def point_cloud(field: "Field", count: int = 200_000, seed: int = 0) -> PointClo
     for view in np.sort(rng.choice(len(field.cameras), views, replace=False)):
         lattice = _lattice(camera, stride, *rng.integers(stride, size=2).tolist())
         image = field.render(field.cameras[view], lattice)
-        rays_o, rays_d = camera_rays(lattice, field.cameras[view])
-        ends = (image.opacity > MIN_OPACITY) & np.isfinite(image.depth) & (image.depth > 0)
-        points.append((rays_o + image.depth[..., None] * rays_d)[ends].astype(np.float32))
+        found, ends = surface_points(image, field.cameras[view], lattice)
+        points.append(found)
         colors.append(paint(image, "rgb")[ends])
         if image.semantics is not None:
             classes.append(np.asarray(image.semantics)[ends].astype(np.uint8))
