@@ -266,7 +266,9 @@ def test_camera_models(capture, model):
 
 
 def test_the_split_of_the_file(capture):
-    split = lambda **lists: [d.names for d in load_dataset(edit(capture, lambda c: c.update(lists))).split()]  # noqa: E731
+    def split(**lists):
+        return [half.names for half in load_dataset(edit(capture, lambda content: content.update(lists))).split()]
+
     assert split() == [["b.png", "c.png"], ["a.png"]]
     assert split(val_filenames=["./c.png"]) == [["a.png", "b.png"], ["c.png"]]
     assert split(test_filenames=["b"]) == [["a.png"], ["b.png"]]  # c.png is for validation

@@ -121,7 +121,7 @@ def test_groups_do_not_mix(site: Site) -> None:
 def test_a_model_is_a_name_or_a_spec(wrong: object) -> None:
     kind = "dict" if wrong is dict else f"a {type(wrong).__name__}"
     with pytest.raises(WrongTypeError, match=f"a name or a ModelSpec, not {kind}; ModelSpec"):
-        fit(object(), wrong)  # type: ignore[arg-type]
+        fit(object(), wrong)
 
 
 @pytest.fixture

@@ -118,10 +118,10 @@ def test_the_way_of_a_walk_is_where_it_gets_on() -> None:
     turning = [planar_pose(0, 0, 0.5 * k) for k in range(50)]
     going = [planar_pose(0.25 * k, 0.0, 0.0) for k in range(1, 41)]
     field = SimpleNamespace(cameras=np.stack(turning + going), frame=FieldFrame())
-    path = walk_path(field, 6 * 20)  # type: ignore[arg-type]
+    path = walk_path(field, 6 * 20)
     assert path.shape == (120, 4, 4)
     assert np.isclose(np.ptp(path[:, 0, 3]), 5.0) and np.isclose(np.ptp(path[:, 1, 3]), 0)
-    everything = walk_path(field, 6 * 200)  # type: ignore[arg-type]
+    everything = walk_path(field, 6 * 200)
     assert np.isclose(np.ptp(everything[:, 0, 3]), 10.0) and len(everything) == 1200
 
 
@@ -207,7 +207,7 @@ def test_an_interrupted_film_leaves_what_was_there(tmp_path: Path, name: str) ->
 
     (tmp_path / name).write_bytes(b"an older film")
     with pytest.raises(KeyboardInterrupt):
-        save_video(Tired(wall().cameras), camera_path(wall().cameras, 9), tmp_path / name, progress=False)  # type: ignore[arg-type]
+        save_video(Tired(wall().cameras), camera_path(wall().cameras, 9), tmp_path / name, progress=False)
     assert [f.name for f in tmp_path.iterdir()] == [name] and (tmp_path / name).read_bytes() == b"an older film"
 
 

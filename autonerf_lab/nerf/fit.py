@@ -154,7 +154,7 @@ def _train(
             share = state.step / settings.steps if seconds is None else state.seconds / seconds
             if share >= 1:
                 break
-            _step(state, pixels, learning_rate(share, settings))
+            train_step(state, pixels, learning_rate(share, settings))
             bar.update()
             if state.step % 20 == 0:
                 bar.set_postfix_str(f"PSNR {state.psnr:.1f} dB")
@@ -164,8 +164,12 @@ def _train(
                 callback(state.step, state.model)
 
 
-def _step(state: TrainingState, pixels: Pixels, rate: float) -> None:
-    """One batch; a loss that is not finite stops everything before it reaches the parameters."""
+def train_step(state: TrainingState, pixels: Pixels, rate: float) -> None:
+    """Learn from one batch; a loss that is not finite stops everything before it reaches the parameters.
+
+    Raises:
+        TrainingError: names what is not finite.
+    """
     model = state.model
     chosen = pixels.draw(model.settings.rays, state.rng, model.settings.rays_by_class)
     gradients, losses = model.train_step(pixels.rays(chosen), pixels.targets(chosen), state.rng)

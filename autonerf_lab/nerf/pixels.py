@@ -1,5 +1,7 @@
 """The training pixels of photographs, drawn at random, in the field's own coordinates."""
 
+from functools import cached_property
+
 import numpy as np
 
 from autonerf_lab.dataset import Dataset
@@ -23,9 +25,6 @@ class Pixels:
         self.rgb = np.concatenate([image.reshape(-1, 3) for image in data.images])
         self.labels = _flat(data.semantics)
         self.depth = _flat(data.depths)
-        if self.labels is not None:
-            self._by_class = np.argsort(self.labels, kind="stable").astype(np.int32)
-            self._class_pixels = np.bincount(self.labels)
         self._unit = np.float32(frame.unit)
         self._width = np.array([camera.width for camera in data.cameras])
         self._focal = np.array([(camera.fl_x, camera.fl_y) for camera in data.cameras])
@@ -54,12 +53,19 @@ class Pixels:
         some = round(by_class * count) if self.labels is not None else 0
         pixels = rng.integers(len(self), size=count)
         if some:
-            ends = np.cumsum(self._class_pixels)
-            chance = np.cumsum(np.sqrt(self._class_pixels))
-            drawn = np.searchsorted(chance / chance[-1], rng.random(some), side="right")
-            within = (rng.random(some) * self._class_pixels[drawn]).astype(np.int64)
-            pixels[:some] = self._by_class[ends[drawn] - self._class_pixels[drawn] + within]
+            by_label, sizes, first, chances = self._classes
+            drawn = np.searchsorted(chances, rng.random(some), side="right")
+            pixels[:some] = by_label[first[drawn] + (rng.random(some) * sizes[drawn]).astype(np.int64)]
         return pixels
+
+    @cached_property
+    def _classes(self) -> tuple[np.ndarray, ...]:
+        """All pixels in the order of their labels; of each class its pixels, the first of them, cumulative chance."""
+        assert self.labels is not None
+        sizes = np.bincount(self.labels)
+        chances = np.cumsum(np.sqrt(sizes))
+        by_label = np.argsort(self.labels, kind="stable").astype(np.int32)
+        return by_label, sizes, np.cumsum(sizes) - sizes, chances / chances[-1]
 
     def rays(self, pixels: np.ndarray) -> Rays:
         """The rays of (R,) pixels, in the field's coordinates."""

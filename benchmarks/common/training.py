@@ -18,7 +18,9 @@ from autonerf_lab.dataset import Dataset
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
 from autonerf_lab.nerf import fit
 from autonerf_lab.nerf.bundles import assign, to_numpy
+from autonerf_lab.nerf.checkpoint import TrainingState
 from autonerf_lab.nerf.field import NeRF
+from autonerf_lab.nerf.fit import train_step
 from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import model_spec
@@ -55,29 +57,25 @@ class Trainer:
     def __init__(self, pixels: Pixels, settings: Settings, model: str = "semantic-nerfacto", device: str | None = None):
         self.pixels, self.settings = pixels, settings
         box = SceneBox.around(pixels.poses[:, :3, 3].astype(np.float64), settings.margin, settings.shell)
-        self.rng = np.random.default_rng(0)
-        self.model: Model = model_spec(model).build(settings, box, len(pixels.poses), NUM_CLASSES, self.rng, device)
-        self.optimizer = Adam(self.model.parameters)
+        rng = np.random.default_rng(0)
+        self.model: Model = model_spec(model).build(settings, box, len(pixels.poses), NUM_CLASSES, rng, device)
+        self.state = TrainingState(self.model, Adam(self.model.parameters), rng)
 
     def step(self) -> dict[str, float]:
-        """Draw pixels, find the gradients, update the parameters; returns the losses."""
-        chosen = self.pixels.draw(self.settings.rays, self.rng)
-        rays, targets = self.pixels.rays(chosen), self.pixels.targets(chosen)
-        gradients, losses = self.model.train_step(rays, targets, self.rng)
-        rates = {name: self.settings.learning_rate * self.model.rate(name) for name in gradients}
-        self.optimizer.step(gradients, rates)
-        return losses
+        """As a fit does it, at the first learning rate; returns the losses."""
+        train_step(self.state, self.pixels, self.settings.learning_rate)
+        return self.state.losses
 
     def take_over(self, other: "Trainer") -> None:
         """Go on from where another training of the same model is, with the same random numbers."""
-        mine, theirs = self.optimizer, other.optimizer
+        mine, theirs = self.state.optimizer, other.state.optimizer
         groups = [(self.model.state, other.model.state)]
         groups += [(getattr(mine, key), getattr(theirs, key)) for key in ("parameters", "first", "second")]
         for target, source in groups:
             for name in target:
                 assign(target[name], to_numpy(source[name]))
         mine.steps.update(theirs.steps)
-        self.rng.bit_generator.state = other.rng.bit_generator.state
+        self.state.rng.bit_generator.state = other.state.rng.bit_generator.state
 
     def active_share(self) -> float:
         """Share of the samples whose weight is worth going through the heads and back."""

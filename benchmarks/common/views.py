@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from shapely import Polygon
 
 from autonerf_lab.dataset import Dataset
 from autonerf_lab.evaluators.nearest_view import NearestView
@@ -59,8 +60,4 @@ def scene_by_name(name: str) -> Scene:
 
 def floor_area(spec: dict) -> float:
     """Square metres of the rooms of a generated apartment, walls left out."""
-    area = 0.0
-    for room in spec["rooms"]:
-        x, y = np.array(room["polygon"]).T
-        area += abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
-    return area
+    return sum(Polygon(room["polygon"]).area for room in spec["rooms"])

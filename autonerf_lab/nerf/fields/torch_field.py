@@ -4,6 +4,7 @@ This is the readable reference of the fused kernels, what runs on CUDA, and the 
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -117,7 +118,9 @@ class TorchField(ABC):
         )
 
     @torch.no_grad()
-    def _query(self, points: np.ndarray, directions: np.ndarray | None, pick) -> np.ndarray:  # type: ignore[no-untyped-def]
+    def _query(
+        self, points: np.ndarray, directions: np.ndarray | None, pick: Callable[..., torch.Tensor]
+    ) -> np.ndarray:
         if directions is None:
             directions = np.broadcast_to(np.array([0.0, 0.0, -1.0]), (len(points), 3))
         found, piece = [], 1 << 16

@@ -7,10 +7,9 @@ a large part of the machine's peak: a library call pays more for its set-up than
 because the compiler does not find them; constants are float32 because one int or double makes it all double.
 """
 
-import numpy as np
 from numba import njit
 
-ZERO = np.float32(0.0)
+from autonerf_lab.nerf.kernels.blocks import ZERO
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")

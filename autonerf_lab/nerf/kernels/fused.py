@@ -8,7 +8,7 @@ Most samples of a ray lie in empty space or behind a wall. Once the densities of
 samples, whose weight exceeds ``min_weight``, go through the heads and back: their columns are packed side by side. The
 others have a gradient that is smaller still, for the exponential activation multiplies it by the density.
 
-``params`` is a tuple of float32 matrices, sizes multiples of 4 (``nerfacto.MATRICES``): density hidden (H, 2 L) and
+``params`` is a tuple of float32 matrices, sizes multiples of 4 (``hash_field.MATRICES``): density hidden (H, 2 L) and
 output (16, H); colour first layer from the geometry features (H, 16) and from the ray's features (H, F), second (H, H),
 output (4, H), of which 3 rows are used; semantic hidden (H, 16) and output (C, H). ``transposed`` holds the same
 matrices transposed, for the way back.
@@ -189,22 +189,21 @@ def train_rays(
     """
     blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
     inputs, hidden, semantic, classes = enc.shape[1], params[0].shape[0], params[6].shape[0], params[7].shape[0]
-    space = (width + LANES - 1) // LANES * LANES
     per_chunk = (blocks + CHUNKS - 1) // CHUNKS
     for chunk in prange(CHUNKS):
         h_all, g_all, d_all = buffer(hidden, width), buffer(GEOMETRY, width), buffer(1, width)
-        x, h, g = buffer(inputs, space), buffer(hidden, space), buffer(GEOMETRY, space)
-        d_x, d_h, d_g = buffer(inputs, space), buffer(hidden, space), buffer(GEOMETRY, space)
-        c0, c1, d_c = buffer(hidden, space), buffer(hidden, space), buffer(hidden, space)
-        s0, d_s0, rgb, d_rgb = buffer(semantic, space), buffer(semantic, space), buffer(4, space), buffer(4, space)
+        x, h, g = buffer(inputs, width), buffer(hidden, width), buffer(GEOMETRY, width)
+        d_x, d_h, d_g = buffer(inputs, width), buffer(hidden, width), buffer(GEOMETRY, width)
+        c0, c1, d_c = buffer(hidden, width), buffer(hidden, width), buffer(hidden, width)
+        s0, d_s0, rgb, d_rgb = buffer(semantic, width), buffer(semantic, width), buffer(4, width), buffer(4, width)
         ray_part, d_ray = buffer(hidden, BLOCK_RAYS), buffer(hidden, BLOCK_RAYS)
         s_ray, d_s_ray = buffer(semantic, BLOCK_RAYS), buffer(semantic, BLOCK_RAYS)
         logits, d_logits = buffer(classes, BLOCK_RAYS), buffer(classes, BLOCK_RAYS)
         shown, d_color = buffer(4, BLOCK_RAYS), buffer(3, BLOCK_RAYS)
         left, d_left = np.zeros(BLOCK_RAYS, np.float32), np.zeros(BLOCK_RAYS, np.float32)
-        columns, owners = np.zeros(space, np.int64), np.zeros(space, np.int64)
-        owned, packed = buffer(BLOCK_RAYS, space), buffer(BLOCK_RAYS, space)
-        slopes, d_packed = buffer(BLOCK_RAYS, space), np.zeros(space, np.float32)
+        columns, owners = np.zeros(width, np.int64), np.zeros(width, np.int64)
+        owned, packed = buffer(BLOCK_RAYS, width), buffer(BLOCK_RAYS, width)
+        slopes, d_packed = buffer(BLOCK_RAYS, width), np.zeros(width, np.float32)
         d_s_ray_t = buffer(BLOCK_RAYS, semantic)
         d_weights = np.zeros(samples, np.float32)
         squared, entropy, spread, correct, depth_error = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -291,14 +290,13 @@ def render_rays(params, enc, features, starts, ends, min_weight, weights, color,
     """
     blocks, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
     hidden, semantic, classes = params[0].shape[0], params[6].shape[0], params[7].shape[0]
-    space = (width + LANES - 1) // LANES * LANES
     for chunk in prange(CHUNKS):
-        h, g_all, g = buffer(hidden, width), buffer(GEOMETRY, width), buffer(GEOMETRY, space)
-        c0, c1, s0, rgb = buffer(hidden, space), buffer(hidden, space), buffer(semantic, space), buffer(4, space)
+        h, g_all, g = buffer(hidden, width), buffer(GEOMETRY, width), buffer(GEOMETRY, width)
+        c0, c1, s0, rgb = buffer(hidden, width), buffer(hidden, width), buffer(semantic, width), buffer(4, width)
         ray_part, s_ray = buffer(hidden, BLOCK_RAYS), buffer(semantic, BLOCK_RAYS)
         block_logits, shown = buffer(classes, BLOCK_RAYS), buffer(4, BLOCK_RAYS)
-        columns, owners = np.zeros(space, np.int64), np.zeros(space, np.int64)
-        owned, packed = buffer(BLOCK_RAYS, space), buffer(BLOCK_RAYS, space)
+        columns, owners = np.zeros(width, np.int64), np.zeros(width, np.int64)
+        owned, packed = buffer(BLOCK_RAYS, width), buffer(BLOCK_RAYS, width)
         for b in range(chunk, blocks, CHUNKS):
             first = b * BLOCK_RAYS
             w = weights[first : first + BLOCK_RAYS]

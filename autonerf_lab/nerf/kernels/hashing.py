@@ -10,10 +10,10 @@ thread: no two threads add to one address, and the sum is the same bits on any n
 import numpy as np
 from numba import njit, prange
 
+from autonerf_lab.nerf.kernels.blocks import ONE, ZERO
+
 # The primes of the paper's equation 4; the first is 1, so that neighbours along x share a cache line.
 PRIME_Y, PRIME_Z = np.uint32(2654435761), np.uint32(805459861)
-# constants of the kernels: an integer or a double in a float32 expression would make it all double
-ZERO, ONE = np.float32(0.0), np.float32(1.0)
 ORIGIN, NEXT = np.int32(0), np.uint32(1)
 
 

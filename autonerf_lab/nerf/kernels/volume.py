@@ -10,10 +10,11 @@ References with the same names in torch: :mod:`autonerf_lab.nerf.rendering`.
 import numpy as np
 from numba import njit, prange
 
+from autonerf_lab.nerf.kernels.blocks import ONE
+
 # A fresh network answers 0: the scene starts as thin fog, so that every ray reaches its wall.
 LOG_SIGMA_START = np.float32(-2.5)
 MAX_LOG_SIGMA = np.float32(9.6)  # nothing needs to be more opaque, and float32 stays finite
-ONE = np.float32(1.0)
 
 
 @njit(inline="always")
