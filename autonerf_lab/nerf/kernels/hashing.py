@@ -1,6 +1,6 @@
 """Multi-resolution hash encoding on the CPU (Müller et al. 2022, section 3), forward and backward.
 
-Same numbers as :mod:`autonerf_lab.nerf.encodings`, sixty times faster. Features come in blocks, (B, 2 L, W): block b
+Same numbers as :mod:`autonerf_lab.nerf.encodings`, many times faster. Features come in blocks, (B, 2 L, W): block b
 holds the points [b W, (b + 1) W) feature-major, which is what the fused kernels read. The rows of a block's corners are
 found first, in 32-bit integers, which the compiler turns into vectors; the table is then read in a loop that does
 nothing else. Forward runs in parallel over points; the backward scatter runs in parallel over levels, each owned by one
