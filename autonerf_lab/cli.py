@@ -13,6 +13,7 @@ import tyro
 from tyro.conf import Positional, arg, subcommand
 
 from autonerf_lab.errors import AutoNerfError, DataError
+from autonerf_lab.policy_commands import TrainPolicy
 from autonerf_lab.scene_commands import Scenes
 
 # Heavy imports wait inside the commands: `--help` answers at once.
@@ -229,6 +230,7 @@ class CommandLine:
         | Annotated[PointCloud, subcommand("point-cloud")]
         | Annotated[Video, subcommand("video")]
         | Annotated[View, subcommand("view")]
+        | Annotated[TrainPolicy, subcommand("train-policy")]
     )
     debug: Annotated[bool, arg(help="Show where an error came from.")] = False
 

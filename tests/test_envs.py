@@ -11,17 +11,21 @@ from gymnasium.utils.env_checker import check_env
 from toy_scene import empty_room, two_rooms
 
 from autonerf_lab.envs import ENVS
-from autonerf_lab.envs.base import window_of
 from autonerf_lab.envs.explore import ExploreEnv, local_window
 from autonerf_lab.envs.pointgoal import STOP, PointGoalEnv
-from autonerf_lab.envs.waypoint import FOLLOW_STEPS, WaypointEnv, global_input
+from autonerf_lab.envs.waypoint import FOLLOW_STEPS, WaypointEnv
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.geometry import planar_from_pose, planar_pose
 from autonerf_lab.mapping import empty_map
+from autonerf_lab.policies.views import PaperView, global_input, window_of
 from autonerf_lab.scenes import Scene
 from autonerf_lab.simulator import Noise
 
-SMALL = {"Explore": {"size": 16, "window": 60}, "Waypoint": {"size": 16, "window": 60}, "PointGoal": {"size": 16}}
+SMALL = {
+    "Explore": {"size": 16, "window": 60},
+    "Waypoint": {"size": 16, "view": PaperView(60)},
+    "PointGoal": {"size": 16},
+}
 
 
 def of_toy(toy) -> Scene:
@@ -160,7 +164,7 @@ def test_the_whole_map_is_pooled_by_its_maximum():
 
 
 def test_a_waypoint_is_reached_and_its_rewards_add_up():
-    env = WaypointEnv(scene=of_toy(empty_room(8.0, 8.0)), size=32, window=120)
+    env = WaypointEnv(scene=of_toy(empty_room(8.0, 8.0)), size=32, view=PaperView(120))
     env.reset(seed=2)
     rows, cols = window_of(env.map, 120)
     target = np.array([4.0, 4.0])
@@ -178,7 +182,7 @@ def test_a_waypoint_is_reached_and_its_rewards_add_up():
 
 
 def test_waypoints_share_the_time_of_the_episode(scene):
-    env = WaypointEnv(scene=scene, size=16, window=60, max_steps=2 * FOLLOW_STEPS + 5)
+    env = WaypointEnv(scene=scene, size=16, view=PaperView(60), max_steps=2 * FOLLOW_STEPS + 5)
     env.reset(seed=0)
     ends = [env.step(np.zeros(2, np.float32))[3] for _ in range(3)]
     assert ends == [False, False, True]

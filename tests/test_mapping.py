@@ -3,7 +3,8 @@ import pytest
 from toy_scene import empty_room, two_rooms
 
 from autonerf_lab.geometry import Intrinsics, planar_pose, world_to_cell
-from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.mapping import Mapper, empty_map, update
+from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Observation
 
@@ -158,3 +159,17 @@ def test_wrong_cameras_are_refused():
     tilted[:3, :3] = tilted[:3, :3] @ np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
     with pytest.raises(ValueError, match="level camera"):
         update(state, Observation(observation.rgb, observation.depth, observation.semantics, tilted), CAMERA)
+
+
+def test_a_mapper_makes_the_same_maps_in_place():
+    sim = Simulator(load_scene("train-01"), Intrinsics.from_fov(24, 24), rgb=False)
+    observation = sim.reset(seed=3)
+    start = empty_map(observation.pose, 200, 0.1)
+    mapper, known = Mapper(start, sim.intrinsics), start
+    for action in [0, 1, 1, 0, 0, 2, 0, 0, 2, 2, 0]:
+        before, known = known, update(known, observation, sim.intrinsics)
+        for wanted, found in zip((before, known), mapper.add(observation), strict=True):
+            for name in ("occupied", "explored", "visited", "semantics", "viewpoints", "pose"):
+                np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+        observation = sim.step(action)
+    assert not start.explored.any() and known.explored.sum() > 500

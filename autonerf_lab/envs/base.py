@@ -6,15 +6,15 @@ from typing import Any, Generic, TypeVar
 import gymnasium
 import numpy as np
 
-from autonerf_lab.geometry import Intrinsics, world_to_cell
-from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.mapping import Mapper, empty_map
+from autonerf_lab.policies.views import MAP_WINDOWS
 from autonerf_lab.rewards import Reward, make_reward
 from autonerf_lab.scenes import Scene, load_scene, scene_names
 from autonerf_lab.simulator import Noise, Simulator
 from autonerf_lab.types import MapState, Observation, Transition
 
 WINDOW_METRES = 12.0  # side of the part of the map around the robot
-MAP_WINDOWS = 3  # side of the whole map, in windows: no apartment is longer than half of it
 _CACHED_SCENES = 4
 
 Seen = dict[str, Any]  # an observation
@@ -108,19 +108,20 @@ class MappingEnv(SceneEnv[ActType]):
         super().__init__(**options)
         self._reward = make_reward(reward)
         self._max_steps, self._window = max_steps, window
-        self._map: MapState | None = None
+        self._mapper: Mapper | None = None
         self._path = 0.0
 
     @property
     def map(self) -> MapState:
-        """Everything seen in this episode."""
-        assert self._map is not None, "reset the environment first"
-        return self._map
+        """Everything seen in this episode; its arrays are those of the next step but one."""
+        assert self._mapper is not None, "reset the environment first"
+        return self._mapper.map
 
     def _begin(self, seed: int | None) -> Observation:
         observation = super()._begin(seed)
         start = empty_map(observation.pose, MAP_WINDOWS * self._window, WINDOW_METRES / self._window)
-        self._map = update(start, observation, self._intrinsics)
+        self._mapper = Mapper(start, self._intrinsics)
+        self._mapper.add(observation)
         self._path = 0.0
         forget = getattr(self._reward, "reset", None)
         if forget is not None:
@@ -129,11 +130,12 @@ class MappingEnv(SceneEnv[ActType]):
 
     def _advance(self, action: int) -> float:
         """One action of the robot: look, map, reward."""
-        before, place = self.map, self._sim.pose[:2, 3]
+        assert self._mapper is not None, "reset the environment first"
+        place = self._sim.pose[:2, 3]
         self._observation = self._sim.step(action)
         self._path += float(np.linalg.norm(self._sim.pose[:2, 3] - place))
-        self._map = update(before, self._observation, self._intrinsics)
-        return float(self._reward(Transition(before, self._map, self._observation, action)))
+        before, after = self._mapper.add(self._observation)
+        return float(self._reward(Transition(before, after, self._observation, action)))
 
     @property
     def _over(self) -> bool:
@@ -148,18 +150,3 @@ class MappingEnv(SceneEnv[ActType]):
             "path_m": self._path,
             "scene": self._sim.scene.name,
         }
-
-
-def window_of(map: MapState, window: int) -> tuple[slice, slice]:
-    """Rows and columns of the map around the robot, who leaves the middle where the map ends."""
-    size = len(map.explored)
-    robot = np.clip(world_to_cell(map.pose[:2, 3], map.origin, map.cell), 0, size - 1)
-    top, left = (int(i) for i in np.clip(robot - window // 2, 0, size - window))
-    return slice(top, top + window), slice(left, left + window)
-
-
-def place_of(map: MapState) -> np.ndarray:
-    """(M, M) uint8, 1 in the cell the robot is in."""
-    place = np.zeros(map.explored.shape, np.uint8)
-    place[tuple(np.clip(world_to_cell(map.pose[:2, 3], map.origin, map.cell), 0, len(place) - 1))] = 1
-    return place

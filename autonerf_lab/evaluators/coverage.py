@@ -3,7 +3,7 @@
 import numpy as np
 
 from autonerf_lab.geometry import planar_pose
-from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory
@@ -25,10 +25,10 @@ def visible_map(sim: Simulator, poses: int = 2000, seed: int = 0) -> MapState:
         True
     """
     rng = np.random.default_rng(seed)
-    known = _blank(sim)
+    mapper = Mapper(_blank(sim), sim.intrinsics)
     for _ in range(poses):
-        known = _look(sim, known, sim.sample_pose(rng))
-    return known
+        _look(sim, mapper, sim.sample_pose(rng))
+    return mapper.map
 
 
 def coverage(sim: Simulator, walk: Trajectory, visible: MapState) -> dict[str, np.ndarray]:
@@ -47,9 +47,9 @@ def coverage(sim: Simulator, walk: Trajectory, visible: MapState) -> dict[str, n
     totals = {key: int(np.count_nonzero(getattr(visible, key))) for key in QUANTITIES}
     truth = walk.meta.get("true_poses")
     poses = walk.poses if truth is None else [planar_pose(*pose) for pose in truth]
-    known = _blank(sim)
+    mapper = Mapper(_blank(sim), sim.intrinsics)
     for pose in poses:
-        known = _look(sim, known, np.asarray(pose))
+        known = _look(sim, mapper, np.asarray(pose))
         for key, name in QUANTITIES.items():
             seen = np.count_nonzero(getattr(known, key) & getattr(visible, key))
             shares[name].append(100.0 * seen / totals[key] if totals[key] else 100.0)
@@ -67,6 +67,6 @@ def _blank(sim: Simulator) -> MapState:
     return empty_map(planar_pose(x, y, 0.0), int(np.ceil((np.max(high - low) + 2 * MARGIN) / MAP_CELL)))
 
 
-def _look(sim: Simulator, known: MapState, pose: np.ndarray) -> MapState:
+def _look(sim: Simulator, mapper: Mapper, pose: np.ndarray) -> MapState:
     frame = sim.render(pose, rgb=False)
-    return update(known, Observation(frame.rgb, frame.depth, frame.semantics, pose), sim.intrinsics)
+    return mapper.add(Observation(frame.rgb, frame.depth, frame.semantics, pose))[1]

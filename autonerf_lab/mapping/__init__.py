@@ -1,5 +1,5 @@
 """The top-down semantic map."""
 
-from autonerf_lab.mapping.semantic_map import empty_map, update
+from autonerf_lab.mapping.semantic_map import Mapper, empty_map, update
 
-__all__ = ["empty_map", "update"]
+__all__ = ["Mapper", "empty_map", "update"]

@@ -12,6 +12,8 @@
 Every channel only ever grows, so a reward that counts new cells is never negative.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit
 
@@ -25,6 +27,7 @@ NEAR, FAR = 0.5, 5.0  # metres, range of the depth sensor
 OBSTACLE_MIN = 0.25  # metres over the floor
 OBSTACLE_OVER_CAMERA = 0.01  # metres
 VIEWPOINT_BINS = 12
+_CHANNELS = ("occupied", "explored", "visited", "semantics", "viewpoints")
 
 
 def empty_map(pose: np.ndarray, size: int = MAP_SIZE, cell: float = MAP_CELL) -> MapState:
@@ -68,37 +71,100 @@ def update(map: MapState, observation: Observation, intrinsics: Intrinsics) -> M
         >>> bool(after.occupied[240, 280]), bool(after.explored[240, 250]), bool(after.explored[240, 230])
         (True, True, False)
     """
-    pose = np.ascontiguousarray(observation.pose, dtype=np.float64)
-    shape = (intrinsics.height, intrinsics.width)
-    if observation.depth.shape != shape or observation.semantics.shape != shape:
-        raise ValueError(f"images of {observation.depth.shape} pixels do not belong to a camera of {shape}")
-    if abs(pose[2, 1] - 1) > 1e-6:
-        raise ValueError("the map needs a level camera")
     after = MapState(
         map.occupied.copy(),
         map.explored.copy(),
         map.visited.copy(),
         map.semantics.copy(),
         map.viewpoints.copy(),
-        pose,
+        np.array(observation.pose, dtype=np.float64),
         map.origin,
         map.cell,
     )
+    _write(after, observation, intrinsics)
+    return after
+
+
+class Mapper:
+    """The same map, made in place: for training, which forgets the last map but one.
+
+    Two copies take turns; the one that is a step behind gets the part of the map that the last step touched.
+
+    Args:
+        start: the map that the first observation is added to. It is left as it was.
+        intrinsics: the camera.
+
+    Example:
+        >>> from autonerf_lab.geometry import planar_pose
+        >>> depth, labels = np.full((9, 9), 2.01, np.float32), np.zeros((9, 9), np.uint8)
+        >>> seen = Observation(np.zeros((9, 9, 3), np.uint8), depth, labels, planar_pose(0, 0, 0))
+        >>> mapper = Mapper(empty_map(seen.pose), Intrinsics.from_fov(9, 9))
+        >>> before, after = mapper.add(seen)
+        >>> bool(before.explored.any()), bool(after.explored.any())
+        (False, True)
+    """
+
+    def __init__(self, start: MapState, intrinsics: Intrinsics) -> None:
+        self._intrinsics = intrinsics
+        self._buffers = [_copied(start), _copied(start)]
+        self._touched: tuple[slice, slice] | None = None
+        self.map = self._buffers[0]
+
+    def add(self, observation: Observation) -> tuple[MapState, MapState]:
+        """The map before and after one more observation; both are overwritten by later calls."""
+        before, stale = self._buffers
+        if self._touched is not None:
+            for name in _CHANNELS:
+                getattr(stale, name)[(..., *self._touched)] = getattr(before, name)[(..., *self._touched)]
+        after = replace(stale, pose=np.array(observation.pose, dtype=np.float64))
+        self._touched = _write(after, observation, self._intrinsics)
+        self._buffers = [after, before]
+        self.map = after
+        return before, after
+
+
+def _copied(map: MapState) -> MapState:
+    return replace(map, **{name: getattr(map, name).copy() for name in _CHANNELS})
+
+
+def _write(map: MapState, observation: Observation, intrinsics: Intrinsics) -> tuple[slice, slice]:
+    """Add an observation to the arrays of a map that has its pose; the rows and columns that may have changed."""
+    shape = (intrinsics.height, intrinsics.width)
+    if observation.depth.shape != shape or observation.semantics.shape != shape:
+        raise ValueError(f"images of {observation.depth.shape} pixels do not belong to a camera of {shape}")
+    if abs(map.pose[2, 1] - 1) > 1e-6:
+        raise ValueError("the map needs a level camera")
     camera = np.array([intrinsics.fl_x, intrinsics.fl_y, intrinsics.cx, intrinsics.cy])
+    box = _box(map, intrinsics)
     _update(
         observation.depth,
         observation.semantics,
-        pose,
+        map.pose,
         camera,
-        after.origin,
-        after.cell,
-        after.occupied,
-        after.explored,
-        after.visited,
-        after.semantics,
-        after.viewpoints,
+        map.origin,
+        map.cell,
+        box,
+        map.occupied,
+        map.explored,
+        map.visited,
+        map.semantics,
+        map.viewpoints,
     )
-    return after
+    return slice(box[0], box[1]), slice(box[2], box[3])
+
+
+def _box(map: MapState, intrinsics: Intrinsics) -> np.ndarray:
+    """Rows and columns within the depth sensor's reach: the robot's own disc and the triangle it sees."""
+    x, y = map.pose[:2, 3]
+    ahead, right = -map.pose[:2, 2], map.pose[:2, 0]
+    edges = [FAR * (u - intrinsics.cx) / intrinsics.fl_x for u in (0.0, intrinsics.width)]
+    seen = [FAR * ahead + edge * right for edge in edges]
+    points = np.array([[AGENT_RADIUS] * 2, [-AGENT_RADIUS] * 2, *seen]) + np.array([x, y])
+    low = np.floor((points.min(axis=0) - map.origin) / map.cell).astype(np.int64)
+    high = np.floor((points.max(axis=0) - map.origin) / map.cell).astype(np.int64) + 1
+    size = len(map.explored)
+    (col_lo, row_lo), (col_hi, row_hi) = np.clip(low, 0, size), np.clip(high, 0, size)
+    return np.array([row_lo, row_hi, col_lo, col_hi])
 
 
 @njit(cache=True)
@@ -109,6 +175,7 @@ def _update(
     camera: np.ndarray,
     origin: np.ndarray,
     cell: float,
+    box: np.ndarray,
     occupied: np.ndarray,
     explored: np.ndarray,
     visited: np.ndarray,
@@ -145,12 +212,9 @@ def _update(
                 label = semantics[v, u]
                 if label > 0:
                     classes[label - 1, row, col] = True
-    side = FAR * np.sqrt(1 + max(cx, width - cx) ** 2 / fl_x**2)
-    row_lo, row_hi = max(0, int((y0 - side - origin[1]) / cell)), min(size, int((y0 + side - origin[1]) / cell) + 1)
-    col_lo, col_hi = max(0, int((x0 - side - origin[0]) / cell)), min(size, int((x0 + side - origin[0]) / cell) + 1)
-    for row in range(row_lo, row_hi):
+    for row in range(box[0], box[1]):
         dy = origin[1] + (row + 0.5) * cell - y0
-        for col in range(col_lo, col_hi):
+        for col in range(box[2], box[3]):
             dx = origin[0] + (col + 0.5) * cell - x0
             if dx * dx + dy * dy <= AGENT_RADIUS**2:
                 visited[row, col] = True

@@ -1,33 +1,52 @@
 """The policies, by name."""
 
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.policies.base import Policy
 from autonerf_lab.policies.frontier import Frontier
 from autonerf_lab.policies.random_walk import RandomWalk, RandomWaypoints
 
+_WEIGHTS = Path(__file__).parent / "weights"
+
+
+def load_policy(path: str | Path) -> Policy:
+    """A policy that was trained: the files ``path``.safetensors and ``path``.json.
+
+    Raises:
+        DataError: missing, damaged, or made for another network.
+    """
+    from autonerf_lab.policies.modular import Modular  # torch: not for those who walk without it
+
+    return Modular.load(path)
+
+
 POLICIES: dict[str, Callable[[], Policy]] = {
     "random": RandomWalk,
     "random-waypoints": RandomWaypoints,
     "frontier": Frontier,
+    **{path.stem: partial(load_policy, path) for path in sorted(_WEIGHTS.glob("*.safetensors"))},
 }
 
 
 def make_policy(name: str) -> Policy:
-    """A policy by its name.
+    """A policy by its name, or one of your own training by the path of its weights.
 
     Raises:
         UnknownNameError: lists the valid names.
+        DataError: the weights are missing or damaged.
 
     Example:
-        >>> make_policy("frontire")
-        Traceback (most recent call last):
-        autonerf_lab.errors.UnknownNameError: unknown policy 'frontire'; valid names: frontier, random, random-waypoints
+        >>> make_policy("random").waypoint is None
+        True
     """
+    if name.endswith(".safetensors"):
+        return load_policy(name)
     if name not in POLICIES:
         raise UnknownNameError("policy", name, POLICIES)
     return POLICIES[name]()
 
 
-__all__ = ["POLICIES", "Frontier", "Policy", "RandomWalk", "RandomWaypoints", "make_policy"]
+__all__ = ["POLICIES", "Frontier", "Policy", "RandomWalk", "RandomWaypoints", "load_policy", "make_policy"]

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 RAYS = 72  # directions, counter-clockwise from world +x
+SPARSE = 2
 
 
 @njit(cache=True)
@@ -76,3 +77,42 @@ def new_views(
                 break
             distance += 1.0
     return area
+
+
+@njit(cache=True, nogil=True)
+def outlook(explored: np.ndarray, occupied: np.ndarray, viewpoints: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """What a robot that turned around would see from each of several places, in every ``SPARSE``-th direction.
+
+    Args:
+        explored: (M, M) bool.
+        occupied: (M, M) bool.
+        viewpoints: (12, M, M) bool.
+        cells: (K, 2) places, row and column.
+
+    Returns:
+        (K, 3) float32, cells: unseen ground up to the first obstacle; ground that was seen, but never from there;
+        obstacle cells that were never seen from there. Rays are as long as the depth sensor sees on a map of 10 cm.
+    """
+    size, bins = explored.shape[0], viewpoints.shape[0]
+    rays = RAYS // SPARSE
+    sector = 2 * np.pi / rays
+    out = np.zeros((len(cells), 3), np.float32)
+    for k in range(rays):
+        turn = (k + 0.5) / rays
+        dr, dc = np.sin(2 * np.pi * turn), np.cos(2 * np.pi * turn)
+        seen_from = int((turn + 0.5) % 1.0 * bins)
+        for i in range(len(cells)):
+            row, col = cells[i, 0] + 0.5, cells[i, 1] + 0.5
+            for distance in range(5, 50):
+                r, c = int(np.floor(row + dr * distance)), int(np.floor(col + dc * distance))
+                if r < 0 or c < 0 or r >= size or c >= size:
+                    break
+                if occupied[r, c]:
+                    if not viewpoints[seen_from, r, c]:
+                        out[i, 2] += distance * sector
+                    break
+                if not explored[r, c]:
+                    out[i, 0] += distance * sector
+                elif not viewpoints[seen_from, r, c]:
+                    out[i, 1] += distance * sector
+    return out

@@ -1,0 +1,58 @@
+"""``autonerf-lab train-policy``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from tyro.conf import arg
+
+from autonerf_lab.errors import DataError
+
+# Heavy imports wait inside the commands: `--help` answers at once.
+
+
+def whole(text: str) -> int:
+    """A number of things: 2000000, 2e6 or 2_000_000.
+
+    Raises:
+        DataError: it is not a positive whole number.
+
+    Example:
+        >>> whole("2e6")
+        2000000
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if value < 1 or value != round(value):
+        raise DataError(f"{text!r} is not a positive whole number, such as 1000000 or 1e6")
+    return round(value)
+
+
+@dataclass(frozen=True)
+class TrainPolicy:
+    """Train an exploration policy by PPO on the training apartments. Interrupted, the same command goes on."""
+
+    policy: Annotated[str, arg(help="modular-REWARD, such as modular-obs.")] = "modular-obs"
+    frames: Annotated[str, arg(help="Actions of the robots; more than before: it goes on.")] = "1000000"
+    workers: Annotated[int, arg(help="Processes that walk.")] = 2
+    seed: Annotated[int, arg(help="Of everything.")] = 0
+    out: Annotated[Path | None, arg(help="Folder of the run; runs/policies/POLICY without it.")] = None
+    network: Annotated[Literal["compact", "paper"], arg(help="What it sees and how large it is.")] = "compact"
+
+    def run(self) -> None:
+        """Train, draw the curve, say where the weights are."""
+        from autonerf_lab.policies.weights import read_meta
+        from autonerf_lab.training.settings import settings_of
+        from autonerf_lab.training.train import train_policy
+        from autonerf_lab.viz.training_figures import learning_curve
+
+        network: dict[str, Any] = {"kind": self.network}
+        if self.network == "paper":
+            network["viewpoints"] = self.policy.endswith("-view")
+        settings = settings_of(self.policy, frames=whole(self.frames), seed=self.seed, network=network)
+        out = self.out or Path("runs/policies") / self.policy
+        weights = train_policy(self.policy, out, settings, workers=self.workers)
+        learning_curve(read_meta(weights)["curve"], self.policy).savefig(out / "curve.png", dpi=110)
+        print(f"weights: {weights}.safetensors")

@@ -1,0 +1,1 @@
+"""Training of policies by PPO (Stable-Baselines3); needs the extra ``training``."""

@@ -1,0 +1,112 @@
+"""PPO of Stable-Baselines3 around the project's networks, in pieces that can be stopped and go on exactly."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import Schedule
+from torch import Tensor
+
+from autonerf_lab.training.settings import PolicySettings
+from autonerf_lab.training.workers import WorkerPool
+
+
+class NetworkPolicy(BasePolicy):
+    """What PPO asks of a policy, answered by a network that returns a distribution and a value.
+
+    Args:
+        observation_space: of the view.
+        action_space: of the view.
+        lr_schedule: of the remaining share of the training.
+        network: makes the network.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Space[Any],
+        lr_schedule: Schedule,
+        network: Callable[[], torch.nn.Module],
+        use_sde: bool = False,
+    ) -> None:
+        super().__init__(observation_space, action_space)
+        self.network: torch.nn.Module = network()
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=lr_schedule(1), eps=1e-5)
+
+    def forward(self, obs: Any, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
+        """Actions, values, log-probabilities."""
+        chances, value = self.network(obs)
+        actions = chances.mode if deterministic else chances.sample()
+        return actions, value[:, None], chances.log_prob(actions)
+
+    def evaluate_actions(self, obs: Any, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Values, log-probabilities, entropies."""
+        chances, value = self.network(obs)
+        return value[:, None], chances.log_prob(actions), chances.entropy()
+
+    def predict_values(self, obs: Any) -> Tensor:
+        """Values, (B, 1)."""
+        return self.network(obs)[1][:, None]
+
+    def _predict(self, observation: Any, deterministic: bool = False) -> Tensor:
+        return self.forward(observation, deterministic)[0]
+
+
+def make_ppo(
+    pool: WorkerPool, network: Callable[[], torch.nn.Module], settings: PolicySettings, log: Path | None
+) -> PPO:
+    """PPO with these settings; ``log`` is the folder of TensorBoard."""
+    return PPO(
+        NetworkPolicy,  # type: ignore[arg-type]
+        pool,
+        learning_rate=lambda remaining: settings.lr * remaining,
+        n_steps=settings.rollout,
+        batch_size=settings.batch,
+        n_epochs=settings.epochs,
+        gamma=settings.gamma,
+        gae_lambda=settings.gae,
+        clip_range=settings.clip,
+        ent_coef=settings.entropy,
+        vf_coef=settings.value,
+        max_grad_norm=settings.max_grad_norm,
+        policy_kwargs={"network": network},
+        tensorboard_log=None if log is None else str(log),
+        seed=settings.seed,
+        device="cpu",
+    )
+
+
+def network_of(ppo: PPO) -> torch.nn.Module:
+    """The network that is trained."""
+    assert isinstance(ppo.policy, NetworkPolicy)
+    return ppo.policy.network
+
+
+def numbers(ppo: PPO) -> dict[str, np.ndarray]:
+    """Parameters of the network, and what Adam remembers of each."""
+    network, optimizer = network_of(ppo), ppo.policy.optimizer
+    found = {f"parameter/{name}": value.detach() for name, value in network.named_parameters()}
+    for name, value in network.named_parameters():
+        state = optimizer.state.get(value, {})
+        found |= {f"adam/{name}/{key}": torch.as_tensor(kept) for key, kept in state.items()}
+    return {name: value.numpy().copy() for name, value in found.items()}
+
+
+def restore(ppo: PPO, arrays: dict[str, np.ndarray]) -> None:
+    """Undo :func:`numbers`.
+
+    Raises:
+        KeyError: a number is missing.
+    """
+    network, optimizer = network_of(ppo), ppo.policy.optimizer
+    with torch.no_grad():
+        for name, value in network.named_parameters():
+            value.copy_(torch.from_numpy(arrays[f"parameter/{name}"]))
+            optimizer.state[value] = {
+                key: torch.from_numpy(arrays[f"adam/{name}/{key}"]) for key in ("step", "exp_avg", "exp_avg_sq")
+            }

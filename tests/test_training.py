@@ -1,0 +1,178 @@
+"""Training of policies: the vector environment against a loop, and runs that are stopped, killed and disturbed."""
+
+import os
+import signal
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+from safetensors.numpy import load_file
+
+from autonerf_lab.errors import DataError, RunFolderError, TrainingError
+from autonerf_lab.policies import load_policy, make_policy
+from autonerf_lab.policies.modular import make_network
+from autonerf_lab.policies.views import CompactView
+from autonerf_lab.policies.weights import load_weights, save_weights
+from autonerf_lab.training import train
+from autonerf_lab.training.settings import PolicySettings
+from autonerf_lab.training.symmetry import Symmetry
+from autonerf_lab.training.workers import WorkerPool
+
+TINY = PolicySettings(frames=400, environments=2, rollout=2, epochs=1, batch=4, sensor=16, max_steps=50)
+make_tiny = partial(train.make_waypoint_env, TINY, "cov")
+
+
+def place(seen: dict, number: int) -> int:
+    """The ``number``-th block that can be reached."""
+    row, col = np.argwhere(seen["reach"][0])[number]
+    return int(row * CompactView.GRID + col)
+
+
+def test_workers_answer_as_a_loop_does():
+    pool = WorkerPool(make_tiny, environments=3, workers=2, seed=5)
+    try:
+        seen = pool.reset()
+        for index in range(3):
+            env, episode = make_tiny(), 0
+            here = env.reset(seed=int(np.random.SeedSequence([5, index, episode]).generate_state(1)[0]))[0]
+            np.testing.assert_array_equal(seen["reach"][index], here["reach"])
+        actions = np.array([place({"reach": seen["reach"][i]}, 0) for i in range(3)])
+        _, rewards, ends, _ = pool.step(actions)
+        assert not ends.any()
+        there, reward, _, truncated, _ = env.step(actions[2])
+        assert rewards[2] == np.float32(reward) and not truncated
+        again, rewards, ends, infos = pool.step(actions)
+        there, reward, _, truncated, _ = env.step(actions[2])
+        assert rewards[2] == np.float32(reward) and truncated and ends.all()
+        assert infos[2]["TimeLimit.truncated"]
+        np.testing.assert_array_equal(infos[2]["terminal_observation"]["map"], there["map"])
+        fresh = env.reset(seed=int(np.random.SeedSequence([5, 2, 1]).generate_state(1)[0]))[0]
+        np.testing.assert_array_equal(again["map"][2], fresh["map"])
+    finally:
+        pool.close()
+
+
+def broken(transition):
+    raise ZeroDivisionError("in my reward")
+
+
+@pytest.mark.parametrize(
+    ("reward", "message"), [(lambda transition: float("nan"), "nan"), (broken, "ZeroDivisionError: in my reward")]
+)
+def test_a_bad_reward_is_told_by_its_worker(reward, message):
+    pool = WorkerPool(partial(train.make_waypoint_env, TINY, reward), environments=2, workers=1)
+    try:
+        seen = pool.reset()
+        with pytest.raises(TrainingError, match=f"worker 0.*{message}"):
+            pool.step(np.array([place({"reach": reach}, 0) for reach in seen["reach"]]))
+    finally:
+        pool.close()
+
+
+def test_a_worker_that_dies_is_named():
+    pool = WorkerPool(make_tiny, environments=2, workers=2)
+    try:
+        pool.reset()
+        os.kill(pool._processes[1].pid, signal.SIGKILL)
+        with pytest.raises(TrainingError, match=r"worker 1 .*exit code -9.*last checkpoint"):
+            pool.step(np.zeros(2, int))
+    finally:
+        pool.close()
+
+
+def weights_of(path):
+    return load_file(f"{path}.safetensors")
+
+
+def test_stopped_and_continued_it_ends_with_the_same_bits(tmp_path, monkeypatch):
+    whole = train.train_policy("modular-cov", tmp_path / "whole", TINY, workers=1, progress=False)
+    monkeypatch.setattr(train, "SAVE_EVERY", 0.0)
+    finished = train.Run._on_rollout_end
+    rollouts = []
+
+    def stop_in_the_third(run):
+        rollouts.append(run)
+        if len(rollouts) == 3:
+            raise KeyboardInterrupt
+        finished(run)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(train.Run, "_on_rollout_end", stop_in_the_third)
+        train.train_policy("modular-cov", tmp_path / "parts", TINY, workers=2, progress=False)
+    assert (tmp_path / "parts" / train.CHECKPOINT).exists()
+    parts = train.train_policy("modular-cov", tmp_path / "parts", TINY, workers=1, progress=False)
+    before, after = weights_of(whole), weights_of(parts)
+    assert before.keys() == after.keys()
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+    assert (tmp_path / "whole/curve.csv").read_text() == (tmp_path / "parts/curve.csv").read_text()
+    assert np.abs(after["score.weight"]).max() > 0  # it has learned something
+
+    with pytest.raises(RunFolderError, match=r"checkpoint.*\(lr differ\)"):
+        train.train_policy("modular-cov", tmp_path / "parts", replace(TINY, lr=2e-3), workers=1, progress=False)
+    (tmp_path / "parts" / train.CHECKPOINT).write_bytes(b"\x10\0\0\0\0\0\0\0 not safetensors")
+    with pytest.raises(DataError, match=r"checkpoint.safetensors is damaged"):
+        train.train_policy("modular-cov", tmp_path / "parts", TINY, workers=1, progress=False)
+
+
+def test_a_number_that_is_not_finite_stops_it_and_leaves_the_checkpoint(tmp_path, monkeypatch):
+    monkeypatch.setattr(train, "SAVE_EVERY", 0.0)
+    finished = train.Run._on_rollout_end
+
+    def poison(run):
+        finished(run)
+        if (tmp_path / train.CHECKPOINT).exists():
+            with torch.no_grad():
+                run.model.policy.network.first.weight[0] = torch.nan
+
+    monkeypatch.setattr(train.Run, "_on_rollout_end", poison)
+    with pytest.raises(TrainingError, match=r"not finite after .* frames; .*checkpoint.safetensors is the last good"):
+        train.train_policy("modular-cov", tmp_path, TINY, workers=1, progress=False)
+    kept = load_file(tmp_path / train.CHECKPOINT)
+    assert all(np.isfinite(array).all() for array in kept.values())
+
+
+def test_a_symmetry_turns_what_is_seen_and_actions_back():
+    env = Symmetry(train.make_waypoint_env(TINY, "cov").env)
+    rng = np.random.default_rng(0)
+    kinds = set()
+    for seed in range(12):
+        seen, _ = env.reset(seed=seed)
+        kinds.add((env._swap, env._flip_x, env._flip_y))
+        plain = CompactView().see(env.unwrapped.map)
+        assert np.sort(plain["reach"][2].ravel()).tolist() == np.sort(seen["reach"][2].ravel()).tolist()
+        # what is ahead of the robot stays ahead: reachable ground along the heading
+        for shown in (plain, seen):
+            rows, cols = np.nonzero(shown["map"][1] > 0)
+            middle = (CompactView.GRID - 1) / 2
+            shown["ahead"] = ((cols - middle) * shown["heading"][0] + (rows - middle) * shown["heading"][1]).sum()
+        assert seen["ahead"] == pytest.approx(plain["ahead"], rel=1e-4)
+        choice = place(seen, int(rng.integers(seen["reach"][0].sum())))
+        way = seen["reach"][1].ravel()[choice]
+        _, _, _, _, info = env.step(choice)
+        block = CompactView()
+        goals = [a for a in range(block.GRID**2) if plain["reach"][0].ravel()[a]]
+        same = [a for a in goals if plain["reach"][1].ravel()[a] == way]
+        env.reset(seed=seed)
+        assert any(np.allclose(block.waypoint(a, env.unwrapped.map), info["waypoint"]) for a in same)
+    assert len(kinds) >= 6
+
+
+def test_weights_say_what_is_wrong_with_them(tmp_path):
+    _, network = make_network({"kind": "compact"})
+    save_weights(tmp_path / "mine", network, {"policy": "modular-cov", "network": {"kind": "compact"}})
+    assert make_policy(str(tmp_path / "mine.safetensors")).waypoint is None
+    _, other = make_network({"kind": "paper", "window": 48})
+    with pytest.raises(DataError, match=r"belongs to another policy.*other channels"):
+        load_weights(tmp_path / "mine", other)
+    with pytest.raises(DataError, match=r"nothing.json does not exist"):
+        load_policy(tmp_path / "nothing")
+    (tmp_path / "mine.safetensors").write_bytes(b"rubbish")
+    with pytest.raises(DataError, match=r"not a readable safetensors"):
+        load_policy(tmp_path / "mine")
+    with torch.no_grad():
+        network.score.bias[0] = torch.inf
+    save_weights(tmp_path / "mine", network, {"policy": "modular-cov", "network": {"kind": "compact"}})
+    with pytest.raises(DataError, match="not finite"):
+        load_policy(tmp_path / "mine")
