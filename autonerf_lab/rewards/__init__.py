@@ -112,10 +112,10 @@ def _read_sum(text: str) -> dict[str | Callable[..., Any], float]:
     """``"cov+0.1*nov"`` -> {"cov": 1.0, "nov": 0.1}."""
     terms: dict[str | Callable[..., Any], float] = {}
     for term in text.split("+"):
-        weight, _, name = term.rpartition("*")
+        weight, star, name = term.rpartition("*")
         name = name.strip()
         try:
-            value = float(weight or 1)
+            value = float(weight) if star else 1.0
         except ValueError:
             raise RewardError(f"{text!r} is no weighted sum: {term!r} is neither NAME nor WEIGHT*NAME") from None
         if name in terms:

@@ -17,7 +17,8 @@ FEATURES = 128
 HIDDEN = 256
 BLOCKS = 4
 DISCOUNT = 0.99
-RATE = 3e-4
+RATE = 1e-3
+MEMORY = 2000  # steps; older returns fade from the statistics, which an untrained model would rule for long
 KEPT = 8192  # steps that nobody has collected yet
 
 
@@ -28,23 +29,24 @@ class Curiosity:
     never trained: a trained one would please the forward model best by seeing the same everywhere, and Burda et al.
     2018, "Large-Scale Study of Curiosity-Driven Learning", found random features to do about as well as the best
     alternatives. As there, errors are divided by the running standard deviation of their discounted sum over all steps,
-    which :meth:`update` keeps; before the first update it is 1. The first step of an episode, before which nothing
-    was seen, has the reward 0.
+    which :meth:`update` keeps; before the first update, by the 100 steps that this sum reaches over. At first the model
+    predicts that nothing changes. The first step of an episode, before which nothing was seen, has the reward 0.
 
     Args:
         seed: of the networks and of the order of the samples.
 
     Example:
-        >>> from autonerf_lab.rewards.conformance import blank_transition
-        >>> reward, step = Curiosity(), blank_transition()
-        >>> reward(step), reward(step) > 0
+        >>> import numpy as np
+        >>> from autonerf_lab.rewards.conformance import play, random_walk
+        >>> first, second = play(Curiosity(), random_walk(np.random.default_rng(0), 2))
+        >>> first, second > 0
         (0.0, True)
     """
 
     def __init__(self, seed: int = 0) -> None:
         self._networks = seeded(_Networks, seed)
         self._learner = Learner(self._networks, RATE, seed)
-        self._return = np.zeros(4)  # the discounted sum of errors; how many were seen, their mean and variance
+        self._return = np.zeros(4)  # the discounted sum of errors; how many such sums, their mean and variance
         self._previous: np.ndarray | None = None
         self._seen: deque[tuple[np.ndarray, int, np.ndarray]] = deque(maxlen=KEPT)
 
@@ -98,13 +100,15 @@ class Curiosity:
 
     @property
     def _scale(self) -> float:
-        return float(np.sqrt(self._return[3])) or 1.0
+        return float(np.sqrt(self._return[3])) or 1 / (1 - DISCOUNT)
 
     def _count_returns(self, errors: np.ndarray) -> None:
-        total, count, mean, variance = self._return
-        for error in errors.astype(np.float64):  # Welford 1962
+        total, count, mean, variance = (float(v) for v in self._return)
+        if not count:
+            total = mean = float(errors.mean()) / (1 - DISCOUNT)  # as if it had always been so
+        for error in errors.tolist():  # Welford 1962
             total = DISCOUNT * total + error
-            count += 1
+            count = min(count + 1, MEMORY)
             step = total - mean
             mean += step / count
             variance += (step * (total - mean) - variance) / count
@@ -130,13 +134,15 @@ class _Networks(nn.Module):
             nn.Sequential(nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(), nn.Linear(HIDDEN, HIDDEN)) for _ in range(BLOCKS)
         )
         self.last = nn.Linear(HIDDEN, FEATURES)
+        nn.init.zeros_(self.last.weight)
+        nn.init.zeros_(self.last.bias)
 
     def forward(self, before: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
         """Features (N, 128) and actions (N,) -> features one step later (N, 128)."""
         x = leaky_relu(self.first(torch.cat([before, one_hot(action, len(Action))], dim=1)))
         for block in self.blocks:
             x = x + block(x)
-        return self.last(x)
+        return before + self.last(x)
 
 
 def _image(observation: Observation) -> np.ndarray:

@@ -11,10 +11,12 @@ from autonerf_lab.rewards.learning import Learner, State, check_state, seeded
 from autonerf_lab.types import Observation, Transition
 
 EVERY = 5  # steps between two rewards
-NEAREST = 16  # views that tell about a place
+NEAREST = 8  # views that tell about a place
 AHEAD = 2.0  # metres; two views are near where the robot and the point so far ahead of it are
-KEY = 5
+KEY = 6
+SAMPLES = 4  # to learn from, at each reward
 HIDDEN = 32
+FIRST_SLOPE = 3.0  # a metre
 RATE = 3e-3
 KEPT = 1024  # samples that nobody has collected yet
 
@@ -24,7 +26,7 @@ class Reconstruction:
 
     At the start of an episode the reward is shown places of the scene. Every 5 steps it predicts which visual concepts
     (50 clusters of descriptors, :mod:`~autonerf_lab.rewards.concepts`) are seen from each of them: attention over the
-    16 nearest views of the robot, by their pose relative to the place and how far they look; what attends to none
+    8 nearest views of the robot, by their pose relative to the place and how far they look; what attends to none
     of them falls back on how frequent each concept is. The reward is by how much ``KL(true | predicted)`` fell, in the
     mean over the places, and 0 at all other steps and before 50 concepts are known. As in the paper the predictor and
     the concepts are learned; unlike there the descriptors are made by hand instead of by ImageNet.
@@ -44,7 +46,7 @@ class Reconstruction:
 
     def __init__(self, seed: int = 0) -> None:
         self._concepts = Concepts(seed)
-        self._attention = seeded(_attention, seed)
+        self._attention = seeded(_Attention, seed)
         self._learner = Learner(self._attention, RATE, seed)
         self._samples: deque[tuple[np.ndarray, ...]] = deque(maxlen=KEPT)
         self._forget()
@@ -65,8 +67,8 @@ class Reconstruction:
         if steps % EVERY or not len(self._places):
             return 0.0
         context = self._context(steps)
-        k = (steps // EVERY - 1) % len(self._places)
-        self._samples.append((self._truth[k], *(a[k] for a in context)))
+        for k in (steps // EVERY * SAMPLES + np.arange(SAMPLES)) % len(self._places):
+            self._samples.append((self._truth[k], *(a[k] for a in context)))
         if not self._concepts.known:
             return 0.0
         with torch.inference_mode():
@@ -74,7 +76,7 @@ class Reconstruction:
             return float((before - self._divergence(self._truth, *context)).item())
 
     def collect(self) -> dict[str, np.ndarray]:
-        """``place`` (N, 192) and ``views`` (N, 16, 192) descriptors, ``keys`` (N, 16, 5), ``seen`` (N, 16) bool."""
+        """``place`` (N, 192) and ``views`` (N, 8, 192) descriptors, ``keys`` (N, 8, 6), ``seen`` (N, 8) bool."""
         columns = [np.array(c) for c in zip(*self._samples, strict=True)] or [
             np.zeros((0, *shape), kind) for shape, kind in _SAMPLE.values()
         ]
@@ -106,22 +108,23 @@ class Reconstruction:
         self._views: list[np.ndarray] = []
 
     def _context(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The nearest of the first views, for each of R places: (R, 16, 192), keys (R, 16, 5), which there are."""
+        """The nearest of the first views, for each of R places: (R, 8, 192), keys (R, 8, 6), which there are."""
         shape = (len(self._places), NEAREST)
-        views, keys, seen = np.zeros((*shape, DESCRIPTOR), np.float32), np.zeros((*shape, KEY), np.float32), steps
+        views, keys = np.zeros((*shape, DESCRIPTOR), np.float32), np.zeros((*shape, KEY), np.float32)
         count = min(steps, NEAREST)
         if count:
             poses = np.array(self._poses[:steps])
-            order = np.argsort(_distances(self._places, poses), axis=1, kind="stable")[:, :count]
+            distances = _distances(self._places, poses)
+            order = np.argsort(distances, axis=1, kind="stable")[:, :count]
             views[:, :count] = np.array(self._views[:steps])[order]
-            keys[:, :count] = _keys(self._places[:, None], poses[order])
-        return views, keys, np.broadcast_to(np.arange(NEAREST) < seen, shape)
+            keys[:, :count, 0] = np.take_along_axis(distances, order, axis=1)
+            keys[:, :count, 1:] = _keys(self._places[:, None], poses[order])
+        return views, keys, np.tile(np.arange(NEAREST) < count, (len(self._places), 1))
 
     def _divergence(self, place: np.ndarray, views: np.ndarray, keys: np.ndarray, seen: np.ndarray) -> torch.Tensor:
         """Mean over N places of ``KL(true | predicted)``."""
         truth, values = (torch.from_numpy(self._concepts.of(a)) for a in (place, views))
-        scores = self._attention(torch.from_numpy(keys))[..., 0]
-        scores = scores.masked_fill(~torch.from_numpy(seen.copy()), -torch.inf)
+        scores = self._attention(torch.from_numpy(keys)).masked_fill(~torch.from_numpy(seen), -torch.inf)
         weights = torch.softmax(torch.cat([torch.zeros(len(scores), 1), scores], dim=1), dim=1)
         prior = torch.from_numpy(self._concepts.prior).expand(len(scores), 1, -1)
         predicted = (weights[..., None] * torch.cat([prior, values], dim=1)).sum(dim=1)
@@ -136,9 +139,20 @@ _SAMPLE = {
 }
 
 
-def _attention() -> nn.Module:
-    """How much a view, by its key, has to say about a place."""
-    return nn.Sequential(nn.Linear(KEY, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, 1))
+class _Attention(nn.Module):
+    """How much a view, by its key, has to say about a place. At first, all the more the nearer it is."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.slope = nn.Parameter(torch.tensor([FIRST_SLOPE]))
+        last = nn.Linear(HIDDEN, 1)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        self.rest = nn.Sequential(nn.Linear(KEY, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, HIDDEN), nn.ReLU(), last)
+
+    def forward(self, keys: torch.Tensor) -> torch.Tensor:
+        """(..., 6) -> (...)."""
+        return self.slope * (1 - keys[..., 0]) + self.rest(keys)[..., 0]
 
 
 def _pose(observation: Observation) -> np.ndarray:
