@@ -12,6 +12,7 @@ from typing import Annotated
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
+from autonerf_lab import plugins
 from autonerf_lab.errors import AutoNerfError, DataError
 from autonerf_lab.policy_commands import TrainPolicy
 from autonerf_lab.scene_commands import Scenes
@@ -216,6 +217,19 @@ class View:
 
 
 @dataclass(frozen=True)
+class Rewards:
+    """The rewards that exist, their units, and the packages they come from."""
+
+    def run(self) -> None:
+        """Print a line a reward; broken plug-ins are warned about on stderr."""
+        from autonerf_lab import rewards
+
+        for name, entry in rewards.available().items():
+            package = "autonerf-lab" if name in rewards.REWARDS else plugins.package_of("rewards", name)
+            print(f"{name:16} {rewards.unit_of(rewards.make_reward(entry)) or '?':36} {package}")
+
+
+@dataclass(frozen=True)
 class CommandLine:
     """AutoNeRF Lab: a robot explores an apartment, a semantic NeRF learns it, and the field is put to work."""
 
@@ -231,8 +245,10 @@ class CommandLine:
         | Annotated[Video, subcommand("video")]
         | Annotated[View, subcommand("view")]
         | Annotated[TrainPolicy, subcommand("train-policy")]
+        | Annotated[Rewards, subcommand("rewards")]
     )
     debug: Annotated[bool, arg(help="Show where an error came from.")] = False
+    strict_plugins: Annotated[bool, arg(help="A broken plug-in is an error instead of a warning.")] = False
 
 
 _STYLE = (
@@ -254,7 +270,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parsed = tyro.cli(CommandLine, prog="autonerf-lab", args=arguments, config=_STYLE)
     try:
-        parsed.command.run()
+        with plugins.strict() if parsed.strict_plugins else contextlib.nullcontext():
+            parsed.command.run()
     except AutoNerfError as error:
         if parsed.debug:
             traceback.print_exc()

@@ -39,6 +39,10 @@ class TrainingError(AutoNerfError, RuntimeError):
     """Training met a value that is not finite, or data that cannot be learned from."""
 
 
+class RewardError(AutoNerfError, ValueError):
+    """A reward that failed or is not a finite number, or a sum of rewards that cannot be read."""
+
+
 class RunFolderError(AutoNerfError, RuntimeError):
     """A run folder that holds something else than the command asked for."""
 

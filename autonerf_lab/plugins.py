@@ -1,22 +1,41 @@
 """What installed packages add: entry points, loaded one by one, so that a broken one breaks only itself."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import entry_points
-from typing import TypeVar
+from typing import Any, TypeVar
+
+from autonerf_lab.errors import AutoNerfError
 
 T = TypeVar("T")
 
 
-class PluginWarning(UserWarning):
-    """An installed plug-in was left out; the message names it and says why."""
+class PluginWarning(AutoNerfError, UserWarning):  # noqa: N818 - a warning, unless strict() makes it an error
+    """An installed plug-in was left out; the message names it and says why. Under :func:`strict` it is raised."""
 
 
-def installed(group: str, builtin: Mapping[str, T], kind: type[T]) -> dict[str, T]:
+@contextmanager
+def strict() -> Iterator[None]:
+    """Inside, a broken plug-in is not left out: its :class:`PluginWarning` is raised.
+
+    Example:
+        >>> with strict():
+        ...     found = installed("nothing", {"a": 1}, int)
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", PluginWarning)
+        yield
+
+
+def installed(
+    group: str, builtin: Mapping[str, T], kind: type[Any], check: Callable[[T], Any] | None = None
+) -> dict[str, T]:
     """Built-in entries and those registered under ``autonerf_lab.<group>``.
 
-    A plug-in that does not import, is not a ``kind`` or takes a built-in name is left out with a
-    :class:`PluginWarning`; the others are not disturbed. This is not a sandbox: loading a plug-in runs its code.
+    A plug-in that does not import, is not a ``kind``, does not pass the ``check`` (which raises) or takes a built-in
+    name is left out with a :class:`PluginWarning`; the others are not disturbed. This is not a sandbox: loading a
+    plug-in runs its code.
 
     Example:
         >>> sorted(installed("nothing", {"a": 1}, int))
@@ -30,6 +49,8 @@ def installed(group: str, builtin: Mapping[str, T], kind: type[T]) -> dict[str, 
             value = point.load()
             if not isinstance(value, kind):
                 raise TypeError(f"it is a {type(value).__name__}, not a {kind.__name__}")
+            if check is not None:
+                check(value)
             found[point.name] = value
         except (Exception, SystemExit) as error:  # whatever a stranger's module raises when it is imported
             reason = f"{type(error).__name__}: {error}"

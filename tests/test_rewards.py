@@ -1,20 +1,47 @@
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
-from autonerf_lab.errors import UnknownNameError
-from autonerf_lab.rewards import REWARDS, make_reward
-from autonerf_lab.rewards.conformance import blank_transition, check_reward
+from autonerf_lab.errors import RewardError, UnknownNameError, WrongTypeError
+from autonerf_lab.geometry import planar_pose
+from autonerf_lab.rewards import REWARDS, LearnedReward, PrivilegedReward, make_reward, unit_of, weighted
+from autonerf_lab.rewards.conformance import blank_transition, check_learned, check_reward, random_walk
+from autonerf_lab.rewards.cur import Curiosity
+from autonerf_lab.types import Observation, Transition
 
 CHANNEL = {"cov": "explored", "obs": "occupied", "sem": "semantics", "view": "viewpoints"}
+LEARNED = ("cur", "rec")
+
+
+def stand(x, y, heading=0.0):
+    """A step that ends there, with nothing to see."""
+    blank = blank_transition()
+    seen = blank.observation
+    pose = planar_pose(x, y, heading)
+    return Transition(blank.before, blank.after, Observation(seen.rgb, seen.depth, seen.semantics, pose), blank.action)
 
 
 @pytest.mark.parametrize("name", REWARDS)
 def test_every_reward_conforms(name):
     check_reward(REWARDS[name])
-    assert REWARDS[name].__doc__ and "square metres" in REWARDS[name].__doc__
+    unit = {"nov": "dimensionless", "cur": "standard deviations of its return", "rec": "nats"}
+    assert unit_of(make_reward(name)) == unit.get(name, "square metres")
 
 
-@pytest.mark.parametrize("name", REWARDS)
+@pytest.mark.parametrize("name", [*LEARNED, "cov+0.5*cur+rec"])
+def test_every_learned_reward_conforms(name):
+    check_learned(lambda: make_reward(name))
+
+
+def test_who_learns_and_who_is_shown_the_scene():
+    made = {name: make_reward(name) for name in REWARDS}
+    assert {name for name, reward in made.items() if isinstance(reward, LearnedReward)} == {"cur", "rec"}
+    assert {name for name, reward in made.items() if isinstance(reward, PrivilegedReward)} == {"rec"}
+
+
+@pytest.mark.parametrize("name", CHANNEL)
 def test_a_reward_is_the_growth_of_its_channel_and_of_no_other(name):
     step = blank_transition(cell=0.05)
     for channel in CHANNEL.values():
@@ -27,9 +54,107 @@ def test_a_reward_is_the_growth_of_its_channel_and_of_no_other(name):
     assert REWARDS[name](step) == pytest.approx(12 * 0.05**2)
 
 
+def test_novelty_counts_the_steps_in_a_cell():
+    reward = make_reward("nov")
+    way = [(0.1, 0.1), (0.4, 0.4), (0.6, 0.1), (-0.1, 0.1), (0.3, 0.2), (0.6, 0.4)]  # cells of half a metre
+    expected = [1, 1 / np.sqrt(2), 1, 1, 1 / np.sqrt(3), 1 / np.sqrt(2)]
+    for _ in range(2):
+        reward.reset(np.random.default_rng(0))
+        assert [reward(stand(*place)) for place in way] == pytest.approx(expected)
+
+
+def test_what_remembers_is_shared_with_nobody():
+    one, other = make_reward("nov"), make_reward("nov")
+    assert [one(stand(0, 0)), one(stand(0, 0)), other(stand(0, 0))] == pytest.approx([1, 1 / np.sqrt(2), 1])
+    terms = [make_reward("cov+nov") for _ in range(2)]
+    assert terms[0](stand(0, 0)) == terms[1](stand(0, 0)) == 1.0
+
+
+# --- sums ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_sum_is_weighted_and_tells_its_terms():
+    step = blank_transition(cell=0.5)
+    step.after.explored[0, :4] = True
+
+    def three(transition):
+        return 3.0
+
+    both = weighted({"cov": 2.0, "nov": 0.1, three: -1})
+    assert both.terms() == {"cov": 0, "nov": 0, "three": 0}
+    assert both(step) == pytest.approx(2 * 1.0 + 0.1 * 1 - 3)
+    both(step)
+    assert both.terms() == pytest.approx({"cov": 1.0, "nov": 1 / np.sqrt(2), "three": 3.0})
+    both.reset(np.random.default_rng(0))
+    assert both.terms() == {"cov": 0, "nov": 0, "three": 0}
+    assert make_reward("2*cov + 0.1*nov")(step) == pytest.approx(2.1)
+
+
+def test_a_sum_passes_on_what_its_terms_have():
+    class Shown:
+        references = 3
+
+        def __call__(self, transition):
+            return 0.0
+
+        def show(self, observations):
+            self.count = len(observations)
+
+    shown = Shown()
+    both = weighted({"cov": 1.0, shown: 1.0, "rec": 1.0})
+    seen = [step.observation for step in random_walk(np.random.default_rng(0), both.references)]
+    both.show(seen)
+    assert len(seen) == 20 and shown.count == 3
+    assert {name.split("/")[0] for name in both.state_dict()} == {"rec"} == {n.split("/")[0] for n in both.collect()}
+    plain = weighted({"cov": 1.0, "nov": 1.0})
+    assert plain.references == 0 and plain.collect() == plain.state_dict() == plain.update({}) == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("cov+novv", UnknownNameError, "unknown reward 'novv'; valid names: cov, cur, nov, obs"),
+        ("cov+x*nov", RewardError, "'x\\*nov' is neither NAME nor WEIGHT\\*NAME"),
+        ("cov+nan*nov", RewardError, "weight of the reward 'nov' is nan"),
+        ("cov+inf*nov", RewardError, "weight of the reward 'nov' is inf"),
+        ("cov+0.5*cov", RewardError, "has the term 'cov' twice"),
+        ("cov+", UnknownNameError, "unknown reward ''"),
+        ("cov+*nov", RewardError, "'\\*nov' is neither NAME nor WEIGHT\\*NAME"),
+    ],
+)
+def test_a_sum_that_cannot_be_read_names_the_term(text, error, message):
+    with pytest.raises(error, match=message):
+        make_reward(text)
+
+
+def test_a_sum_of_nothing_or_of_two_of_a_name_is_refused():
+    with pytest.raises(RewardError, match="at least one term"):
+        weighted({})
+    with pytest.raises(RewardError, match=r"two terms .* '<lambda>'"):
+        weighted({lambda step: 1.0: 1.0, lambda step: 2.0: 1.0})
+    with pytest.raises(RewardError, match="'cov' is '1', not a finite number"):
+        weighted({"cov": "1"})
+
+
+def test_an_error_in_a_sum_names_the_term_and_the_step():
+    def broken(transition):
+        return {}["nothing"]
+
+    step = blank_transition()
+    with pytest.raises(RewardError, match="reward 'broken' failed at step 1: KeyError: 'nothing'"):
+        weighted({"cov": 1.0, broken: 1.0})(step)
+
+
+# --- conformance -----------------------------------------------------------------------------------------------------
+
+
 def test_conformance_notices_what_is_wrong():
     def changes(step):
         step.after.explored[:] = True
+        return 0.0
+
+    def paints(step):
+        step.observation.rgb[:] = 0
         return 0.0
 
     class Counts:
@@ -43,14 +168,55 @@ def test_conformance_notices_what_is_wrong():
         (lambda step: 1, "must be a float, not int"),
         (lambda step: np.inf, "finite"),
         (changes, "must not change"),
-        (Counts(), "same reward"),
+        (paints, "must not change"),
+        (Counts(), "same steps must have the same reward"),
+        (Counts, "same steps must have the same reward"),
+        (lambda: None, "must not make a NoneType"),
+        (lambda: Counts, "must not make a class"),
+        (3, "int cannot"),
     ):
         with pytest.raises(AssertionError, match=message):
             check_reward(bad)
 
 
+def test_conformance_notices_what_is_wrong_with_learning():
+    def variant(**methods):
+        return type("Variant", (Curiosity,), methods)
+
+    class Forgetful(Curiosity):
+        def collect(self):
+            seen = list(self._seen)
+            batch = super().collect()
+            self._seen.extend(seen)
+            return batch
+
+    class Partial(Curiosity):
+        def load_state_dict(self, state):
+            moments = {k: v for k, v in self.state_dict().items() if k.startswith("exp_avg")}
+            super().load_state_dict(state | moments)
+
+    for bad, message in (
+        (lambda: make_reward("nov"), "collect, update"),
+        (Forgetful, "must be forgotten"),
+        (Partial, "must be all that was learned"),
+        (variant(load_state_dict=lambda self, state: None), "the same values"),
+        (variant(update=lambda self, batch: {}), "what it has measured"),
+        (variant(update=lambda self, batch: {"loss": float("nan")}), "finite float, not nan"),
+        (variant(update=lambda self, batch: {"loss": 0.0}), "must change the state"),
+    ):
+        with pytest.raises(AssertionError, match=message):
+            check_learned(bad)
+
+
 def test_rewards_are_found_by_name_or_passed():
     assert make_reward("obs") is REWARDS["obs"]
     assert make_reward(len) is len
-    with pytest.raises(UnknownNameError, match="valid names: cov, obs, sem, view"):
+    with pytest.raises(UnknownNameError, match="valid names: cov, cur, nov, obs, rec, sem, view"):
         make_reward("coverage")
+    with pytest.raises(WrongTypeError, match="a name or is called with a transition, not a dict"):
+        make_reward({"cov": 1.0})
+
+
+def test_the_names_do_not_import_torch():
+    code = "import sys, autonerf_lab.rewards as r; r.make_reward('cov+nov'); assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

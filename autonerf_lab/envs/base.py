@@ -9,7 +9,7 @@ import numpy as np
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.policies.views import MAP_WINDOWS
-from autonerf_lab.rewards import Reward, make_reward
+from autonerf_lab.rewards import PrivilegedReward, Reward, evaluate, make_reward, name_of
 from autonerf_lab.scenes import Scene, load_scene, scene_names
 from autonerf_lab.simulator import Noise, Simulator
 from autonerf_lab.types import MapState, Observation, Transition
@@ -95,18 +95,20 @@ class MappingEnv(SceneEnv[ActType]):
     """A robot that maps what it sees and is rewarded for it. The episode never terminates; it is truncated.
 
     Args:
-        reward: a name of :data:`autonerf_lab.rewards.REWARDS` or a reward.
+        reward: a name of :func:`autonerf_lab.rewards.available`, a weighted sum (``"cov+0.1*nov"``), or a reward.
         max_steps: the robot's actions an episode.
         window: W, cells a side of the part of the map around the robot, 12 m wide: 240 are 5 cm each.
         options: of :class:`SceneEnv`.
 
     Raises:
         UnknownNameError: no such scene or reward.
+        RewardError: in an episode, a reward failed or is not a finite float; names reward, value and step.
     """
 
     def __init__(self, reward: str | Reward = "cov", max_steps: int = 1500, window: int = 240, **options: Any) -> None:
         super().__init__(**options)
-        self._reward = make_reward(reward)
+        self._reward, self._reward_name = make_reward(reward), name_of(reward)
+        self._terms: dict[str, float] = {}  # of a sum of rewards, since ``info`` was last made
         self._max_steps, self._window = max_steps, window
         self._mapper: Mapper | None = None
         self._path = 0.0
@@ -126,7 +128,21 @@ class MappingEnv(SceneEnv[ActType]):
         forget = getattr(self._reward, "reset", None)
         if forget is not None:
             forget(self.np_random)
+        if isinstance(self._reward, PrivilegedReward):
+            self._reward.show([self._reference() for _ in range(self._reward.references)])
+        self._terms = {}
+        self._count_terms()
         return observation
+
+    def _reference(self) -> Observation:
+        """What is seen from anywhere in the scene: for a reward, and never for a policy."""
+        pose = self._sim.sample_pose(self.np_random)
+        frame = self._sim.render(pose, self._rgb)
+        return Observation(frame.rgb, frame.depth, frame.semantics, pose)
+
+    def _count_terms(self) -> None:
+        for name, value in getattr(self._reward, "terms", dict)().items():
+            self._terms[name] = self._terms.get(name, 0.0) + value
 
     def _advance(self, action: int) -> float:
         """One action of the robot: look, map, reward."""
@@ -135,7 +151,9 @@ class MappingEnv(SceneEnv[ActType]):
         self._observation = self._sim.step(action)
         self._path += float(np.linalg.norm(self._sim.pose[:2, 3] - place))
         before, after = self._mapper.add(self._observation)
-        return float(self._reward(Transition(before, after, self._observation, action)))
+        reward = evaluate(self._reward, Transition(before, after, self._observation, action), self._reward_name)
+        self._count_terms()
+        return reward
 
     @property
     def _over(self) -> bool:
@@ -144,9 +162,11 @@ class MappingEnv(SceneEnv[ActType]):
 
     def _info(self) -> dict[str, Any]:
         assert self._observation is not None
-        return {
+        info = {
             "explored_m2": float(np.count_nonzero(self.map.explored)) * self.map.cell**2,
             "collided": self._observation.collided,
             "path_m": self._path,
             "scene": self._sim.scene.name,
         }
+        terms, self._terms = self._terms, {}
+        return info | {"reward_terms": terms} if terms else info
