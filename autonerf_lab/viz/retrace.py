@@ -29,7 +29,7 @@ class Retraced:
     """What is drawn of a walk. K: the steps that are shown."""
 
     trajectory: Trajectory
-    steps: np.ndarray  # (K,) int, the last one is the walk's last
+    steps: np.ndarray  # (K,) int, rising
     planar: np.ndarray  # (T, 3) x, y, heading
     length: np.ndarray  # (T,) metres walked so far
     maps: list[np.ndarray] | None  # K of (rows, cols) uint8, see PALETTE, [row = y, column = x]; None: no depth was kept
@@ -43,8 +43,8 @@ class Retraced:
         return str(self.trajectory.meta.get("policy", "walk"))
 
     def box(self) -> np.ndarray:
-        """(2, 2) lower and upper corner of all that is known at the end, world x, y."""
-        places = [self.planar[:, :2]]
+        """(2, 2) lower and upper corner of all that is known at the last of the steps, world x, y."""
+        places = [self.planar[: self.steps[-1] + 1, :2]]
         if self.maps is not None:
             cells = np.argwhere(self.maps[-1] != UNKNOWN)[:, ::-1]
             places += [self.corner + MAP_CELL * cells, self.corner + MAP_CELL * (cells + 1)]
@@ -103,7 +103,7 @@ def _maps(trajectory: Trajectory, steps: np.ndarray) -> tuple[list[np.ndarray] |
     known = empty_map(pose, size, MAP_CELL)
     nothing = np.zeros(trajectory.depth.shape[1:], np.uint8)
     shown, drawn = set(steps.tolist()), {}
-    for t in range(len(trajectory)):
+    for t in range(steps[-1] + 1):
         classes = nothing if trajectory.semantics is None else trajectory.semantics[t]
         seen = Observation(trajectory.rgb[t], trajectory.depth[t], classes, trajectory.poses[t])
         known = update(known, seen, k)
