@@ -118,7 +118,7 @@ def play(*trajectories: Trajectory, every: int | None = None) -> Player:
 
     Raises:
         WrongTypeError: not a trajectory.
-        DataError: walks of different scenes, or not of the robot: see :func:`autonerf_lab.viz.retrace.retrace`.
+        DataError: no walk, walks of different scenes, or one that :func:`autonerf_lab.viz.retrace.retrace` refuses.
 
     Example:
         >>> from autonerf_lab.geometry import Intrinsics, planar_pose
@@ -127,7 +127,7 @@ def play(*trajectories: Trajectory, every: int | None = None) -> Player:
         Player(random: 2 pictures)
     """
     if not trajectories:
-        raise ValueError("play() wants at least one walk")
+        raise DataError("there is no walk to play; name one or more")
     if every is not None and every < 1:
         raise ValueError(f"every must be at least 1, not {every}")
     longest = max(len(walk) for walk in trajectories)
@@ -148,7 +148,7 @@ def _floor_plan(ax: Any, walk: Retraced, k: int, color: str) -> None:
         extent = (left, right, bottom, top)
         ax.imshow(PALETTE[walk.maps[k]], origin="lower", extent=extent, interpolation="nearest")
     x, y, heading = walk.planar[: walk.steps[k] + 1].T
-    ax.plot(x, y, color=color, linewidth=1.6)
+    ax.plot(x, y, color=color, linewidth=1.2)
     ax.plot(x[0], y[0], "o", color="white", markeredgecolor=color, markersize=6)
     ax.plot(x[-1], y[-1], "o", color=color, markersize=7)
     ax.annotate(

@@ -15,10 +15,9 @@ from PIL import Image
 from autonerf_lab.classes import CLASS_COLORS, CLASS_NAMES
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.viz.retrace import EXPLORED, FRONTIER, OCCUPIED, PALETTE, Retraced
-from autonerf_lab.viz.walk_picture import BODY, REACH, area_ticks, half_view, union_box
+from autonerf_lab.viz.walk_picture import BODY, COLORS, REACH, area_ticks, half_view, union_box
 
 _MAX_SIDE = 256  # pixels of a view: the page stays below 8 MB
-_DARK = ("#56B4E9", "#F0883E", "#3FC79A", "#E3A6C6")  # the colours of the walks, lighter, for curves on a dark page
 _CHART = (1000, 96)  # units of the drawing
 
 
@@ -39,6 +38,7 @@ def player(walks: Sequence[Retraced]) -> str:
     }
     return _template("player.html.jinja").render(
         title=title(walks),
+        scene=walks[0].trajectory.meta.get("scene"),
         walks=shown,
         data=data,
         last=last,
@@ -69,8 +69,7 @@ def _walk(walk: Retraced, box: np.ndarray, number: int) -> dict[str, Any]:
     kept, steps = walk.trajectory, walk.steps.tolist()
     views = [{"name": "camera", "frames": [_rgb(kept.rgb[t]) for t in steps]}]
     if kept.semantics is not None:
-        palette = CLASS_COLORS
-        views.append({"name": "classes", "frames": [_indexed(kept.semantics[t], palette) for t in steps]})
+        views.append({"name": "classes", "frames": [_indexed(kept.semantics[t], CLASS_COLORS) for t in steps]})
     place = None
     if walk.maps is not None:
         views.append({"name": "map", "frames": [_indexed(cells[::-1], PALETTE) for cells in walk.maps]})
@@ -95,7 +94,7 @@ def _walk(walk: Retraced, box: np.ndarray, number: int) -> dict[str, Any]:
         "place": place,
         "aspect": kept.rgb.shape[2] / kept.rgb.shape[1],
         "wedge": f"M0 0 L{reach.real:.3f} {-reach.imag:.3f} A{REACH} {REACH} 0 0 1 {reach.real:.3f} {reach.imag:.3f} Z",
-        "color": number % len(_DARK),
+        "color": number % len(COLORS),
         "data": data,
     }
 

@@ -17,7 +17,10 @@ from autonerf_lab.types import MapState, Observation
 
 UNKNOWN, EXPLORED, FRONTIER, OCCUPIED = range(4)  # what a cell of a picture is; class k is OCCUPIED + k
 PALETTE = np.concatenate(
-    [[(0, 0, 0, 0), (248, 248, 244, 255), (160, 208, 240, 255), (84, 90, 98, 255)], np.insert(CLASS_COLORS[1:], 3, 255, 1)]
+    [
+        [(0, 0, 0, 0), (248, 248, 244, 255), (160, 208, 240, 255), (84, 90, 98, 255)],
+        np.insert(CLASS_COLORS[1:], 3, 255, 1),
+    ]
 ).astype(np.uint8)  # (19, 4) RGBA
 MAX_MAP = 1200  # cells a side
 _MARGIN = 0.25  # metres around what is known
@@ -32,7 +35,9 @@ class Retraced:
     steps: np.ndarray  # (K,) int, rising
     planar: np.ndarray  # (T, 3) x, y, heading
     length: np.ndarray  # (T,) metres walked so far
-    maps: list[np.ndarray] | None  # K of (rows, cols) uint8, see PALETTE, [row = y, column = x]; None: no depth was kept
+    maps: (
+        list[np.ndarray] | None
+    )  # K of (rows, cols) uint8, see PALETTE, [row = y, column = x]; None: no depth was kept
     area: np.ndarray | None  # (K,) square metres explored
     corner: np.ndarray  # (2,) world x, y of the outer corner of cell [0, 0]
     waypoints: list[tuple[float, float] | None]  # K
@@ -97,7 +102,9 @@ def _maps(trajectory: Trajectory, steps: np.ndarray) -> tuple[list[np.ndarray] |
     reach = FAR * math.hypot(1, max(k.cx, k.width - k.cx) / k.fl_x)
     size = 2 * math.ceil((np.ptp(place, axis=0).max() / 2 + reach) / MAP_CELL + 1)
     if size > MAX_MAP:
-        raise DataError(f"the walk needs a map of {size * MAP_CELL:.0f} m a side; play() draws {MAX_MAP * MAP_CELL:.0f}")
+        raise DataError(
+            f"the walk needs a map of {size * MAP_CELL:.0f} m a side; play() draws {MAX_MAP * MAP_CELL:.0f}"
+        )
     pose = trajectory.poses[0].copy()
     pose[:2, 3] = middle  # on the grid of the robot's own map, which is centred on its start
     known = empty_map(pose, size, MAP_CELL)

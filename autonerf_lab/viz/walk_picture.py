@@ -108,7 +108,9 @@ def _map(walk: Retraced, k: int, box: np.ndarray, size: tuple[int, int], color: 
             pen.line(way.reshape(-1).tolist(), fill=paint, width=thickness * _FINE, joint="curve")
     reach, body = REACH * scale, BODY * scale
     half, middle_deg = half_view(walk), -np.degrees(heading)
-    pen.pieslice([*(here - reach), *(here + reach)], middle_deg - half, middle_deg + half, (*ImageColor.getrgb(color), 70))
+    pen.pieslice(
+        [*(here - reach), *(here + reach)], middle_deg - half, middle_deg + half, (*ImageColor.getrgb(color), 70)
+    )
     pen.circle((here[0], here[1]), body, fill=color, outline="white", width=2 * _FINE)
     nose = np.array([[0.8, 0], [-0.6, 0.5], [-0.3, 0], [-0.6, -0.5]]) * body
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
@@ -138,8 +140,8 @@ def _chart(picture: Image.Image, walks: Sequence[Retraced], k: int, frame: tuple
     fine = Image.new("RGB", (_FINE * picture.width, _FINE * (frame[3] - frame[1])), "white")
     pen = ImageDraw.Draw(fine, "RGBA")
     heights = [bottom - tick / ticks[-1] * (bottom - top) for tick in ticks]
-    for y in heights:
-        pen.line([_FINE * left, _FINE * y, _FINE * right, _FINE * y], RULE, _FINE)
+    for level in heights:
+        pen.line([_FINE * left, _FINE * level, _FINE * right, _FINE * level], RULE, _FINE)
     for number, walk in enumerate(walks):
         if walk.area is None:
             continue
@@ -152,8 +154,8 @@ def _chart(picture: Image.Image, walks: Sequence[Retraced], k: int, frame: tuple
         pen.circle((line[k][0], line[k][1]), 5 * _FINE, fill=color, outline="white", width=_FINE)
     picture.paste(fine.reduce(_FINE), (0, frame[1]))
     text = ImageDraw.Draw(picture)
-    for tick, y in zip(ticks, heights, strict=True):
-        text.text((left - 8, frame[1] + y), f"{tick:g} m²", SOFT, _font(11), anchor="rm")
+    for tick, level in zip(ticks, heights, strict=True):
+        text.text((left - 8, frame[1] + level), f"{tick:g} m²", SOFT, _font(11), anchor="rm")
     text.text((left, frame[1] + bottom + 8), "step 0", SOFT, _font(11))
     text.text((right, frame[1] + bottom + 8), f"{last}", SOFT, _font(11), anchor="ra")
 
