@@ -23,6 +23,7 @@ _HOME = {
     "load_nerf": "autonerf_lab.nerf",
     "evaluate": "autonerf_lab.evaluators",
     "extract_mesh": "autonerf_lab.evaluators",
+    "play": "autonerf_lab.viz.player",
     "preset": "autonerf_lab.config",
 }
 

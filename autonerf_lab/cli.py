@@ -80,6 +80,21 @@ class Explore:
 
 
 @dataclass(frozen=True)
+class Play:
+    """Make a walk something to watch, or several of one scene beside each other."""
+
+    folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="FOLDER ...", help="Run folders, or trajectory folders.")]
+    out: Annotated[Path, arg(help="An .html page that needs nothing else, or a film: .mp4, .gif.")]
+
+    def run(self) -> None:
+        """Build the maps again, and write."""
+        from autonerf_lab import pipeline
+        from autonerf_lab.viz.player import play
+
+        print(play(*map(pipeline.finished_walk, self.folders)).save(self.out))
+
+
+@dataclass(frozen=True)
 class Fit:
     """Train a field: on the walk of a run folder, RUN/nerf; or on photographs with poses, with --out.
 
@@ -237,6 +252,7 @@ class CommandLine:
         Annotated[Demo, subcommand("demo")]
         | Annotated[Scenes, subcommand("scenes")]
         | Annotated[Explore, subcommand("explore")]
+        | Annotated[Play, subcommand("play")]
         | Annotated[Fit, subcommand("fit")]
         | Annotated[Evaluate, subcommand("evaluate")]
         | Annotated[Mesh, subcommand("mesh")]

@@ -55,8 +55,9 @@ def explore(
 
     Returns:
         The trajectory. Its poses are those of odometry, as a robot has them. ``meta`` holds ``actions`` and whether
-        each ``collided``, and at each image ``explored_m2`` (area explored so far) and ``path_m`` (length of the way so
-        far); with noise also ``true_poses``, (T, 3) x, y, heading.
+        each ``collided``, and at each image ``explored_m2`` (area explored so far), ``path_m`` (length of the way so
+        far) and ``waypoints`` (x, y the policy is heading for, or None); with noise also ``true_poses``, (T, 3) x, y,
+        heading.
 
     Raises:
         UnknownNameError: no such policy.
@@ -84,6 +85,7 @@ def explore(
     collided: list[bool] = []
     explored: list[float] = []
     path: list[float] = []
+    waypoints: list[list[float] | None] = []
     length = 0.0
     for t in tqdm(range(steps), desc=f"explore {sim.scene.name} ({name})", disable=not progress, unit="step"):
         _check_inside(observation.pose, known)
@@ -98,6 +100,7 @@ def explore(
         explored.append(round(float(np.count_nonzero(known.explored)) * known.cell**2, 4))
         path.append(round(length, 4))
         actions.append(int(chosen.act(known, observation)))
+        waypoints.append(None if chosen.waypoint is None else [round(float(v), 2) for v in chosen.waypoint])
         collided.append(sim.move(actions[-1]))
         length += float(np.linalg.norm(sim.pose[:2, 3] - true_poses[t, :2]))
         if t + 1 < steps:
@@ -114,6 +117,7 @@ def explore(
         "collided": collided,
         "explored_m2": explored,
         "path_m": path,
+        "waypoints": waypoints,
     }
     if sim.noise.actuation or sim.noise.odometry:
         meta["true_poses"] = true_poses.tolist()

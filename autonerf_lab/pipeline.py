@@ -221,6 +221,22 @@ def finished_field(out: str | Path) -> "NeRF":
     return Workspace(run).nerf
 
 
+def finished_walk(folder: str | Path) -> "Trajectory":
+    """The walk of a run that has one, or of a trajectory folder.
+
+    Raises:
+        RunFolderError: a run without a walk.
+        DataError: a file is missing or damaged.
+    """
+    if (Path(folder) / "run.json").exists():
+        run = load_run(folder)
+        run.require("explore")
+        return Workspace(run).trajectory
+    from autonerf_lab.trajectory import load_trajectory
+
+    return load_trajectory(folder)
+
+
 def summary(out: str | Path) -> str:
     """The scores of a run as a table, beside the paper's and the yardsticks."""
     from autonerf_lab.evaluators import Scores

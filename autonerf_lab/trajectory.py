@@ -9,6 +9,7 @@ import io
 import os
 import struct
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,15 @@ class Trajectory:
     def save(self, folder: str | Path) -> None:
         """Write it to ``folder``: see :func:`save`."""
         save(self, folder)
+
+    def play(self, *others: "Trajectory", every: int | None = None) -> Any:
+        """Watch it, beside other walks of the same scene if there are any: see :func:`autonerf_lab.viz.player.play`.
+
+        Returns:
+            A :class:`~autonerf_lab.viz.player.Player`: a notebook shows it; ``save("walk.html")`` keeps it.
+        """
+        # by name: pictures are drawn above this layer, which knows nothing but the data
+        return import_module("autonerf_lab.viz.player").play(self, *others, every=every)
 
 
 def save(trajectory: Trajectory, folder: str | Path) -> None:

@@ -1,6 +1,7 @@
-"""Films of a field: a camera flies along a path, and what the field shows becomes MP4 or GIF."""
+"""Films, MP4 or GIF: of a field along the path of a camera, or of any pictures."""
 
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,32 +52,57 @@ def save_video(
         UnknownNameError: there is no such ``what``.
         MissingPackageError: the extra ``viewer`` is not installed.
     """
+    if what not in (*LAYERS, "all"):
+        raise UnknownNameError("picture", what, (*LAYERS, "all"))
+    layers = SIDE_BY_SIDE if what == "all" else (what,)
+
+    def picture(c2w: np.ndarray) -> np.ndarray:
+        image = field.render(c2w, intrinsics or field.intrinsics)
+        shown = layers if image.semantics is not None or what != "all" else SIDE_BY_SIDE[:2]
+        return np.concatenate([paint(image, layer, field.frame.unit) for layer in shown], axis=1)
+
+    return save_film(map(picture, path), len(path), file, fps, progress)
+
+
+def save_film(
+    pictures: Iterable[np.ndarray], count: int, file: str | Path, fps: float = 24, progress: bool = True
+) -> Path:
+    """Write pictures as a film. They are asked for one by one, after everything else was found to be in order.
+
+    Args:
+        pictures: (H, W, 3) uint8, all of one size. An odd side grows by one pixel: H.264 wants it even.
+        count: how many there are.
+        file: ``.mp4`` (H.264, plays everywhere) or ``.gif``.
+        fps: frames a second.
+        progress: show a bar.
+
+    Returns:
+        The file.
+
+    Raises:
+        DataError: another ending, no frames, no frames a second, or a file that cannot be written.
+        MissingPackageError: the extra ``viewer`` is not installed.
+    """
     file = Path(file)
     kind = file.suffix.lower()
     if kind not in (".mp4", ".gif"):
         raise DataError(f"{file}: a film is written as .mp4 or .gif")
-    if what not in (*LAYERS, "all"):
-        raise UnknownNameError("picture", what, (*LAYERS, "all"))
-    if not len(path) or not fps > 0:
-        raise DataError(f"{file}: a film needs frames, and frames a second; here are {len(path)}, and {fps}")
+    if not count or not fps > 0:
+        raise DataError(f"{file}: a film needs frames, and frames a second; here are {count}, and {fps}")
     imageio = optional("imageio.v2", "viewer")
     settings: dict[str, Any] = {"format": "GIF", "duration": 1000 / fps, "loop": 0}
     if kind == ".mp4":
         optional("imageio_ffmpeg", "viewer")
         settings = {"format": "FFMPEG", "fps": fps, "codec": "libx264", "pixelformat": "yuv420p", "quality": 8}
         settings |= {"macro_block_size": 2, "ffmpeg_log_level": "error"}
-    layers = SIDE_BY_SIDE if what == "all" else (what,)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        # beside its place: a folder that cannot be written to is found before anything is rendered
+        # beside its place: a folder that cannot be written to is found before anything is drawn
         with tempfile.TemporaryDirectory(dir=file.parent, prefix=f".{file.name}.") as folder:
             unfinished = Path(folder) / file.name
             with imageio.get_writer(unfinished, mode="I", **settings) as writer:
-                for c2w in tqdm(path, disable=not progress, desc=file.name, unit="frame"):
-                    image = field.render(c2w, intrinsics or field.intrinsics)
-                    shown = layers if image.semantics is not None or what != "all" else SIDE_BY_SIDE[:2]
-                    pictures = [paint(image, layer, field.frame.unit) for layer in shown]
-                    writer.append_data(_even(np.concatenate(pictures, axis=1)))
+                for picture in tqdm(pictures, total=count, disable=not progress, desc=file.name, unit="frame"):
+                    writer.append_data(_even(picture))
             storage.write_bytes(file, unfinished.read_bytes())
     except OSError as error:
         raise DataError(f"cannot write {file}: {error.strerror or error}; choose another file") from error
