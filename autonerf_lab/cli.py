@@ -83,9 +83,7 @@ class Explore:
 class Play:
     """Make a walk something to watch, or several of one scene beside each other."""
 
-    folders: Annotated[
-        Positional[tuple[Path, ...]], arg(metavar="FOLDER ...", help="Run folders, or trajectory folders.")
-    ]
+    folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="FOLDER ...", help="Runs, or trajectory folders.")]
     out: Annotated[Path, arg(help="An .html page that needs nothing else, or a film: .mp4, .gif.")]
 
     def run(self) -> None:

@@ -22,6 +22,7 @@ from autonerf_lab.errors import DataError, MissingPackageError, WrongTypeError
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.run_folder import RunConfig, open_run
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory
 from autonerf_lab.types import Observation
@@ -265,3 +266,10 @@ def test_command(walk: Trajectory, other: Trajectory, tmp_path: Path, capsys: py
     assert len(json.loads(Elements(page.read_text()).script)["walks"]) == 2
     assert cli.main(["play", str(tmp_path / "c"), "--out", str(page)]) == 1
     assert "is this a trajectory folder" in capsys.readouterr().err
+    run = open_run(tmp_path / "run", RunConfig("toy", walk.meta["scene_sha256"], "frontier", "smoke"))
+    assert cli.main(["play", str(run.path), "--out", str(page)]) == 1
+    assert "`autonerf-lab explore` comes first" in capsys.readouterr().err
+    walk.save(run / "trajectory")
+    run.mark("explore", 1.0, None)
+    assert cli.main(["play", str(run.path), "--out", str(page)]) == 0
+    assert len(json.loads(Elements(page.read_text()).script)["walks"]) == 1
