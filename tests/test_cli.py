@@ -10,7 +10,7 @@ import pytest
 from autonerf_lab import cli, pipeline
 from autonerf_lab.errors import DataError
 
-COMMANDS = ("demo", "scenes", "explore", "fit", "evaluate", "mesh", "report", "point-cloud", "video", "view")
+COMMANDS = ("demo", "scenes", "explore", "fit", "evaluate", "mesh", "report", "point-cloud", "video", "view", "rewards")
 
 
 def run(*arguments, cwd=None):

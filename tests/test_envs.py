@@ -14,7 +14,7 @@ from autonerf_lab.envs import ENVS
 from autonerf_lab.envs.explore import ExploreEnv, local_window
 from autonerf_lab.envs.pointgoal import STOP, PointGoalEnv
 from autonerf_lab.envs.waypoint import FOLLOW_STEPS, WaypointEnv
-from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.errors import RewardError, UnknownNameError
 from autonerf_lab.geometry import planar_from_pose, planar_pose
 from autonerf_lab.mapping import empty_map
 from autonerf_lab.policies.views import PaperView, global_input, window_of
@@ -138,6 +138,58 @@ def test_a_reward_with_memory_is_reset(scene):
     env.reset()
     assert reward.resets == 2
     assert env.step(np.int64(1))[1] == 2.0
+
+
+def test_terms_of_a_sum_are_told_and_add_up_along_a_waypoint(scene):
+    for kind, action in ((ExploreEnv, np.int64(1)), (WaypointEnv, np.ones(2, np.float32))):
+        env = kind(scene=scene, reward="cov+0.5*nov", size=16)
+        assert env.reset(seed=0)[1]["reward_terms"] == {"cov": 0, "nov": 0}
+        for _ in range(3):
+            _, reward, *_, info = env.step(action)
+            assert reward == pytest.approx(info["reward_terms"]["cov"] + 0.5 * info["reward_terms"]["nov"])
+    assert info["reward_terms"]["nov"] > 1  # of 25 steps
+    plain = ExploreEnv(scene=scene, size=16, window=60)
+    assert "reward_terms" not in plain.reset(seed=0)[1]
+
+
+def test_only_a_privileged_reward_is_shown_the_scene(scene):
+    class Shown:
+        references = 30
+
+        def reset(self, rng):
+            self.places = None
+
+        def show(self, observations):
+            assert self.places is None, "reset comes first"
+            self.places = observations
+
+        def __call__(self, transition):
+            return 0.0
+
+    shown = [Shown(), Shown()]
+    for reward in shown:
+        env = ExploreEnv(scene=scene, reward=reward, size=16, window=60)
+        env.reset(seed=3)
+        assert len(reward.places) == 30
+        for place in reward.places:
+            x, y, _ = planar_from_pose(place.pose)
+            assert env.sim.navigation.is_navigable(x, y)
+            np.testing.assert_array_equal(place.rgb, env.sim.render(place.pose).rgb)
+            np.testing.assert_array_equal(place.depth, env.sim.render(place.pose).depth)
+    headings = np.array([planar_from_pose(place.pose)[2] for place in shown[0].places])
+    assert headings.min() < -1 and headings.max() > 1  # anywhere, and not where the robot is
+    for a, b in zip(*(reward.places for reward in shown), strict=True):
+        np.testing.assert_array_equal(a.pose, b.pose)
+
+
+def test_a_reward_that_fails_is_named_with_the_step(scene):
+    def broken(transition):
+        raise KeyError("sofa")
+
+    env = ExploreEnv(scene=scene, reward=broken, size=16, window=60)
+    env.reset(seed=0)
+    with pytest.raises(RewardError, match="reward 'broken' failed at step 1: KeyError: 'sofa'"):
+        env.step(np.int64(1))
 
 
 def test_window_follows_the_robot_and_stops_at_the_border():

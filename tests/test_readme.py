@@ -1,4 +1,4 @@
-"""The code that the README shows about models runs as it stands there, only smaller."""
+"""The code that the README shows about models and rewards runs as it stands there, only smaller."""
 
 import os
 import re
@@ -7,9 +7,11 @@ import sys
 from pathlib import Path
 
 from autonerf_lab.nerf import MODELS
+from autonerf_lab.rewards import REWARDS
 
 ROOT = Path(__file__).parents[1]
 SECTION = re.search(r"(?ms)^### Models\n(.*?)^### ", (ROOT / "README.md").read_text())
+ABOUT_REWARDS = re.search(r"(?ms)^### Rewards\n(.*?)^### ", (ROOT / "README.md").read_text())
 WALK = """
 import autonerf_lab as lab
 from autonerf_lab.geometry import Intrinsics
@@ -43,3 +45,14 @@ def test_every_model_and_every_option_is_there() -> None:
         for preset, settings in spec.settings.items():
             assert f"`{preset}`" in SECTION[1]
             assert (settings.depth_weight, settings.refine_cameras, settings.view_dependent) == (0, False, True)
+
+
+def test_code_about_rewards_runs_and_every_reward_is_there() -> None:
+    assert ABOUT_REWARDS
+    names = [name for row in re.findall(r"(?m)^\| (`.*?) \|", ABOUT_REWARDS[1]) for name in re.findall(r"`(\w+)`", row)]
+    assert names == list(REWARDS)
+    (code,) = re.findall(r"```python\n(.*?)```", ABOUT_REWARDS[1], re.S)
+    code = code.replace("reward=", "size=16, window=60, rgb=False, reward=")
+    show = "env.reset(seed=0)\nprint(sorted(env.step(0)[4]['reward_terms']))"
+    result = subprocess.run([sys.executable, "-c", f"{code}\n{show}"], capture_output=True, text=True, check=False)
+    assert result.stdout == "['bumps', 'cov']\n", result.stderr

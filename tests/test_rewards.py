@@ -4,7 +4,7 @@ import sys
 import numpy as np
 import pytest
 
-from autonerf_lab.errors import RewardError, UnknownNameError, WrongTypeError
+from autonerf_lab.errors import DataError, RewardError, UnknownNameError, WrongTypeError
 from autonerf_lab.geometry import planar_pose
 from autonerf_lab.rewards import REWARDS, LearnedReward, PrivilegedReward, make_reward, unit_of, weighted
 from autonerf_lab.rewards.conformance import blank_transition, check_learned, check_reward, random_walk
@@ -108,6 +108,8 @@ def test_a_sum_passes_on_what_its_terms_have():
     assert {name.split("/")[0] for name in both.state_dict()} == {"rec"} == {n.split("/")[0] for n in both.collect()}
     plain = weighted({"cov": 1.0, "nov": 1.0})
     assert plain.references == 0 and plain.collect() == plain.state_dict() == plain.update({}) == {}
+    with pytest.raises(DataError, match="none of its learned terms has 'rec/"):
+        plain.load_state_dict(both.state_dict())
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Explored area coverage, the paper's ``cov.``"""
+"""Explored area coverage, the ``cov.`` of AutoNeRF (Marza et al., section 4.1)."""
 
 from autonerf_lab.rewards.base import growth
 from autonerf_lab.types import Transition

@@ -1,4 +1,4 @@
-"""Obstacle coverage, the paper's ``obs.``"""
+"""Obstacle coverage, the ``obs.`` of AutoNeRF (Marza et al., section 4.1)."""
 
 from autonerf_lab.rewards.base import growth
 from autonerf_lab.types import Transition

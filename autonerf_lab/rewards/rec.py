@@ -68,7 +68,7 @@ class Reconstruction:
             return 0.0
         context = self._context(steps)
         for k in (steps // EVERY * SAMPLES + np.arange(SAMPLES)) % len(self._places):
-            self._samples.append((self._truth[k], *(a[k] for a in context)))
+            self._samples.append((self._truth[k], *(a[k].copy() for a in context)))
         if not self._concepts.known:
             return 0.0
         with torch.inference_mode():
@@ -103,7 +103,7 @@ class Reconstruction:
         self._concepts.load_state_dict({k: state[f"concepts.{k}"] for k in self._concepts.state_dict()})
 
     def _forget(self) -> None:
-        self._places, self._truth = np.zeros((0, KEY)), np.zeros((0, DESCRIPTOR), np.float32)
+        self._places, self._truth = np.zeros((0, 5)), np.zeros((0, DESCRIPTOR), np.float32)
         self._poses: list[np.ndarray] = []
         self._views: list[np.ndarray] = []
 

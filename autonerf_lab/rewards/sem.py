@@ -1,4 +1,4 @@
-"""Semantic object coverage, the paper's ``sem.``"""
+"""Semantic object coverage, the ``sem.`` of AutoNeRF (Marza et al., section 4.1)."""
 
 from autonerf_lab.rewards.base import growth
 from autonerf_lab.types import Transition

@@ -1,4 +1,4 @@
-"""Viewpoint coverage, the paper's ``view.``"""
+"""Viewpoint coverage, the ``view.`` of AutoNeRF (Marza et al., section 4.1)."""
 
 from autonerf_lab.rewards.base import growth
 from autonerf_lab.types import Transition

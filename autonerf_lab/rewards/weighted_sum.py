@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from autonerf_lab.errors import RewardError
+from autonerf_lab.errors import DataError, RewardError
 from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, evaluate
 from autonerf_lab.types import Observation, Transition
 
@@ -81,7 +81,14 @@ class WeightedSum:
         return {f"{name}/{k}": v for name, term in self._learned.items() for k, v in term.state_dict().items()}
 
     def load_state_dict(self, state: Arrays) -> None:
-        """Go on from there."""
+        """Go on from there.
+
+        Raises:
+            DataError: it is the state of something else.
+        """
+        for key in state:
+            if not any(key.startswith(f"{name}/") for name in self._learned):
+                raise DataError(f"this is not the state of this reward: none of its learned terms has {key!r}")
         for name, term in self._learned.items():
             term.load_state_dict(_of(name, state))
 
