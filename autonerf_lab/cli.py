@@ -22,7 +22,9 @@ from autonerf_lab.scene_commands import Scenes
 SceneName = Annotated[
     str, arg(help="A scene of the library (`autonerf-lab scenes list`), or a file: JSON, GLB, OBJ, PLY.")
 ]
-PolicyName = Annotated[str, arg(help="Who chooses the actions: frontier or random.")]
+PolicyName = Annotated[
+    str, arg(help="Who chooses the actions: frontier, random, ..., or the .safetensors of one you trained.")
+]
 ModelName = Annotated[str, arg(help="The field: semantic-nerfacto.")]
 PresetName = Annotated[
     str | None,

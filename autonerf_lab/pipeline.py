@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from autonerf_lab import storage
 from autonerf_lab.config import Preset, preset
-from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
+from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.run_folder import STAGES, RunConfig, RunFolder, load_run, locked, open_run
 
@@ -109,12 +109,12 @@ def check_names(policy: str | None = None, model: str | None = None) -> None:
 
     Raises:
         UnknownNameError: lists the valid names.
+        DataError: the weights of a policy of one's own are missing or damaged.
     """
     if policy is not None:
-        from autonerf_lab.policies import POLICIES
+        from autonerf_lab.policies import make_policy
 
-        if policy not in POLICIES:
-            raise UnknownNameError("policy", policy, POLICIES)
+        make_policy(policy)
     if model is not None:
         from autonerf_lab.nerf import model_spec
 

@@ -10,6 +10,7 @@ import pytest
 import torch
 from safetensors.numpy import load_file
 
+from autonerf_lab import cli
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError
 from autonerf_lab.policies import load_policy, make_policy
 from autonerf_lab.policies.modular import make_network
@@ -19,6 +20,7 @@ from autonerf_lab.training import train
 from autonerf_lab.training.settings import PolicySettings
 from autonerf_lab.training.symmetry import Symmetry
 from autonerf_lab.training.workers import WorkerPool
+from autonerf_lab.trajectory import load_trajectory
 
 TINY = PolicySettings(frames=400, environments=2, rollout=2, epochs=1, batch=4, sensor=16, max_steps=50)
 make_tiny = partial(train.make_waypoint_env, TINY, "cov")
@@ -176,3 +178,13 @@ def test_weights_say_what_is_wrong_with_them(tmp_path):
     save_weights(tmp_path / "mine", network, {"policy": "modular-cov", "network": {"kind": "compact"}})
     with pytest.raises(DataError, match="not finite"):
         load_policy(tmp_path / "mine")
+
+
+def test_a_policy_of_ones_own_walks_by_the_path_of_its_weights(tmp_path, capsys):
+    _, network = make_network({"kind": "compact"})
+    save_weights(tmp_path / "mine", network, {"policy": "modular-cov", "network": {"kind": "compact"}})
+    run = ["explore", "--policy", f"{tmp_path}/mine.safetensors", "--preset", "smoke", "--out", f"{tmp_path}/run"]
+    assert cli.main(run) == 0
+    assert load_trajectory(tmp_path / "run" / "trajectory").meta["policy"].endswith("mine.safetensors")
+    assert cli.main([*run[:2], f"{tmp_path}/other.safetensors", "--out", f"{tmp_path}/other"]) == 1
+    assert "other.json does not exist" in capsys.readouterr().err
