@@ -13,11 +13,11 @@ from toy_scene import empty_room, two_rooms
 from autonerf_lab.envs import ENVS
 from autonerf_lab.envs.explore import ExploreEnv, local_window
 from autonerf_lab.envs.pointgoal import STOP, PointGoalEnv
-from autonerf_lab.envs.waypoint import FOLLOW_STEPS, WaypointEnv
+from autonerf_lab.envs.waypoint import WaypointEnv
 from autonerf_lab.errors import RewardError, UnknownNameError
 from autonerf_lab.geometry import planar_from_pose, planar_pose
 from autonerf_lab.mapping import empty_map
-from autonerf_lab.policies.views import PaperView, global_input, window_of
+from autonerf_lab.policies.views import FOLLOW_STEPS, PaperView, global_input, window_of
 from autonerf_lab.scenes import Scene
 from autonerf_lab.simulator import Noise
 

@@ -8,13 +8,12 @@ import numpy as np
 
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import Mapper, empty_map
-from autonerf_lab.policies.views import MAP_WINDOWS
+from autonerf_lab.policies.views import MAP_WINDOWS, WINDOW_METRES
 from autonerf_lab.rewards import PrivilegedReward, Reward, evaluate, make_reward, name_of
 from autonerf_lab.scenes import Scene, load_scene, scene_names
 from autonerf_lab.simulator import Noise, Simulator
 from autonerf_lab.types import MapState, Observation, Transition
 
-WINDOW_METRES = 12.0  # side of the part of the map around the robot
 _CACHED_SCENES = 4
 
 Seen = dict[str, Any]  # an observation

@@ -4,12 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from autonerf_lab.envs.base import WINDOW_METRES, MappingEnv, Seen
+from autonerf_lab.envs.base import MappingEnv, Seen
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.planning import LocalPolicy
-from autonerf_lab.policies.views import PaperView, View
-
-FOLLOW_STEPS = 25  # actions of the local policy a waypoint
+from autonerf_lab.policies.views import FOLLOW_STEPS, WINDOW_METRES, PaperView, View
 
 
 class WaypointEnv(MappingEnv[Any]):

@@ -4,7 +4,6 @@
 them together. A training in progress keeps ``training.safetensors``, which goes when the field is saved.
 """
 
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, fields
@@ -12,8 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load, save
 
 from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics
@@ -27,7 +24,7 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.nerf.visibility import Visibility
 from autonerf_lab.plugins import package_of
-from autonerf_lab.storage import read_json, write_bytes, write_json
+from autonerf_lab.storage import read_arrays, read_json, write_arrays, write_json
 
 VERSION = 2
 SAVE_EVERY = 20.0  # seconds of training between two checkpoints
@@ -54,7 +51,7 @@ class TrainingState:
         path = Path(folder) / TRAINING_FILE
         if not path.exists():
             return
-        arrays, header = _read(path)
+        arrays, header = read_arrays(path)
         if header.get("identity") != self.identity:
             raise RunFolderError(
                 f"{path} belongs to another training ({_difference(header.get('identity'), self.identity)}); "
@@ -87,7 +84,7 @@ class TrainingState:
             "psnr": self.psnr,
             "seconds": self.seconds,
         }
-        write_bytes(Path(folder) / TRAINING_FILE, save(arrays, {"header": json.dumps(header)}))
+        write_arrays(Path(folder) / TRAINING_FILE, arrays, header)
         self._saved = time.perf_counter()
 
     def _groups(self) -> dict[str, Mapping[str, Array]]:
@@ -102,7 +99,7 @@ def save_nerf(nerf: NeRF, folder: str | Path) -> None:
     arrays = {f"parameter/{name}": to_numpy(value) for name, value in model.parameters.items()}
     arrays |= {f"state/{name}": value for name, value in model.state.items()}
     arrays |= {"cameras": nerf.cameras, "visibility": np.packbits(visibility.seen)}
-    write_bytes(folder / "nerf.safetensors", save(arrays))
+    write_arrays(folder / "nerf.safetensors", arrays)
     write_json(
         folder / "nerf.json",
         {
@@ -144,7 +141,7 @@ def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | 
     header = read_json(path)
     if header.get("version") != VERSION:
         raise DataError(f"{path} has version {header.get('version')!r}, this release reads {VERSION}; fit again")
-    arrays, _ = _read(Path(folder) / "nerf.safetensors")
+    arrays, _ = read_arrays(Path(folder) / "nerf.safetensors")
     spec = model or _known(header, path)
     try:
         plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header["settings"].items()}
@@ -167,18 +164,6 @@ def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | 
         return NeRF(built, cameras, intrinsics, visibility, meta, frame, int(header["classes"]))
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path} does not describe a field ({error!r}); fit again") from error
-
-
-def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    try:
-        data = path.read_bytes()
-        length = int.from_bytes(data[:8], "little")
-        metadata = json.loads(data[8 : 8 + length]).get("__metadata__", {})
-        return load(data), json.loads(metadata.get("header", "{}"))
-    except FileNotFoundError as error:
-        raise DataError(f"{path} does not exist") from error
-    except (OSError, SafetensorError, ValueError, AttributeError) as error:
-        raise DataError(f"{path} is damaged: {error}") from error
 
 
 def _package(model: Any) -> str | None:

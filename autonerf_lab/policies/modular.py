@@ -9,11 +9,9 @@ from torch.distributions import Categorical, Distribution
 
 from autonerf_lab.planning.local import LocalPolicy
 from autonerf_lab.policies.networks import CompactNetwork, PaperNetwork
-from autonerf_lab.policies.views import CompactView, PaperView, View
+from autonerf_lab.policies.views import FOLLOW_STEPS, CompactView, PaperView, View
 from autonerf_lab.policies.weights import load_weights, read_meta
 from autonerf_lab.types import MapState, Observation
-
-NEW_WAYPOINT = 25  # steps
 
 
 class Modular:
@@ -59,7 +57,7 @@ class Modular:
 
     def act(self, map: MapState, observation: Observation) -> int:
         """Towards the waypoint."""
-        if self.waypoint is None or self._age >= NEW_WAYPOINT:
+        if self.waypoint is None or self._age >= FOLLOW_STEPS:
             self.waypoint = self._choose(map)
             self._age = 0
         self._age += 1

@@ -4,9 +4,9 @@ import numpy as np
 
 from autonerf_lab.geometry import cell_to_world
 from autonerf_lab.planning.local import LocalPolicy
+from autonerf_lab.policies.views import FOLLOW_STEPS
 from autonerf_lab.types import Action, MapState, Observation
 
-_NEW_WAYPOINT = 25  # steps, as often as the modular policies choose
 _WINDOW = 240  # cells a side of the window around the robot, as they choose in
 
 
@@ -38,7 +38,7 @@ class RandomWaypoints:
 
     def act(self, map: MapState, observation: Observation) -> int:
         """Towards the waypoint."""
-        if self.waypoint is None or self._age >= _NEW_WAYPOINT:
+        if self.waypoint is None or self._age >= FOLLOW_STEPS:
             # The window slides over the map, and never over its border.
             size = len(map.explored)
             half = min(_WINDOW, size) // 2

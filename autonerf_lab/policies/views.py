@@ -20,6 +20,8 @@ from autonerf_lab.policies.gain import outlook
 from autonerf_lab.types import MapState
 
 HEADINGS = 72
+FOLLOW_STEPS = 25  # actions of the local policy a waypoint
+WINDOW_METRES = 12.0  # side of the part of the map around the robot
 MAP_WINDOWS = 3  # side of the whole map, in windows: no apartment is longer than half of it
 
 
@@ -51,11 +53,9 @@ class PaperView:
         viewpoints: add the viewpoint channels, which only the reward ``view`` needs.
     """
 
-    METRES = 12.0
-
     def __init__(self, window: int = 240, viewpoints: bool = False) -> None:
         self.window, self._viewpoints = window, viewpoints
-        self.cell = self.METRES / window
+        self.cell = WINDOW_METRES / window
         self.channels = 8 + NUM_CLASSES + 2 * VIEWPOINT_BINS * viewpoints
         self.action_space: spaces.Space[Any] = spaces.Box(-1, 1, (2,), np.float32)
         self.observation_space = spaces.Dict(

@@ -5,12 +5,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
-from safetensors.numpy import load, save
 from torch import nn
 
 from autonerf_lab.errors import DataError
-from autonerf_lab.storage import read_json, write_bytes, write_json
+from autonerf_lab.storage import read_arrays, read_json, write_arrays, write_json
 
 VERSION = 1
 
@@ -19,7 +17,7 @@ def save_weights(path: str | Path, network: nn.Module, meta: dict[str, Any]) -> 
     """Write ``path``.safetensors and ``path``.json; ``meta`` holds at least the ``kind`` of the policy."""
     path = Path(path)
     arrays = {name: value.detach().cpu().numpy().astype(np.float16) for name, value in network.state_dict().items()}
-    write_bytes(path.with_suffix(".safetensors"), save(arrays))
+    write_arrays(path.with_suffix(".safetensors"), arrays)
     write_json(path.with_suffix(".json"), {"version": VERSION, **meta})
 
 
@@ -42,12 +40,7 @@ def load_weights(path: str | Path, network: nn.Module) -> None:
         DataError: the file is missing, damaged, or belongs to another network; it names the difference.
     """
     path = Path(path).with_suffix(".safetensors")
-    try:
-        arrays = load(path.read_bytes())
-    except FileNotFoundError as error:
-        raise DataError(f"{path} does not exist") from error
-    except (OSError, SafetensorError, ValueError) as error:
-        raise DataError(f"{path} is not a readable safetensors file: {error}") from error
+    arrays, _ = read_arrays(path)
     wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
     found = {name: array.shape for name, array in arrays.items()}
     if found != wanted:

@@ -7,7 +7,6 @@ logs of TensorBoard. Stopped at any moment, the same call goes on from the check
 
 import json
 import time
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from operator import mul
@@ -18,18 +17,17 @@ import gymnasium
 import numpy as np
 import pandas as pd
 import torch
-from safetensors import SafetensorError
-from safetensors.numpy import load, save
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from autonerf_lab.envs.waypoint import FOLLOW_STEPS, WaypointEnv
+from autonerf_lab.envs.waypoint import WaypointEnv
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError
 from autonerf_lab.policies.modular import make_network
+from autonerf_lab.policies.views import FOLLOW_STEPS
 from autonerf_lab.policies.weights import save_weights
 from autonerf_lab.rewards import Reward
-from autonerf_lab.storage import write_bytes
+from autonerf_lab.storage import read_arrays, write_arrays
 from autonerf_lab.training.ppo import make_ppo, network_of, numbers, restore
 from autonerf_lab.training.settings import PolicySettings, settings_of
 from autonerf_lab.training.symmetry import Symmetry
@@ -87,9 +85,7 @@ class Run(BaseCallback):
         if not path.exists():
             return False
         try:
-            data = path.read_bytes()
-            header = json.loads(json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])["__metadata__"]["header"])
-            arrays = load(data)
+            arrays, header = read_arrays(path)
             if header["identity"] != self.identity:
                 differ = sorted(k for k in self.identity if header["identity"].get(k) != self.identity[k])
                 raise RunFolderError(
@@ -98,7 +94,7 @@ class Run(BaseCallback):
             restore(self.model, arrays)
             self.curve, self.episode, self.seconds = header["curve"], header["episode"], header["seconds"]
             self.model.num_timesteps, self.model._n_updates = header["timesteps"], header["updates"]
-        except (KeyError, TypeError, ValueError, IndexError, SafetensorError) as error:
+        except (KeyError, TypeError, ValueError) as error:  # a DataError is a ValueError
             raise DataError(f"{path} is damaged ({error!r}); remove it to start the training again") from error
         return True
 
@@ -112,7 +108,7 @@ class Run(BaseCallback):
             "timesteps": self.model.num_timesteps,
             "updates": self.model._n_updates,
         }
-        write_bytes(self.folder / CHECKPOINT, save(numbers(self.model), {"header": json.dumps(header)}))
+        write_arrays(self.folder / CHECKPOINT, numbers(self.model), header)
         self._saved = time.perf_counter()
 
     def finish(self) -> None:
@@ -208,8 +204,7 @@ def train_policy(
         partial(make_waypoint_env, settings, reward or chosen), settings.environments, workers, settings.seed
     )
     try:
-        network: Callable[[], torch.nn.Module] = lambda: make_network(settings.network)[1]  # noqa: E731
-        ppo = make_ppo(pool, network, settings, folder / "tensorboard")
+        ppo = make_ppo(pool, lambda: make_network(settings.network)[1], settings, folder / "tensorboard")
         run = Run(folder, identity, settings, FOLLOW_STEPS, progress)
         run.model = ppo
         if run.resume():
