@@ -24,6 +24,7 @@ from autonerf_lab.simulator import Noise
 SMALL = {
     "Explore": {"size": 16, "window": 60},
     "Waypoint": {"size": 16, "view": PaperView(60)},
+    "Egocentric": {"size": 16},
     "PointGoal": {"size": 16},
 }
 

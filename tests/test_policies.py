@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toy_scene import two_rooms
@@ -7,9 +9,10 @@ from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.mapping import empty_map, update
 from autonerf_lab.policies import POLICIES, Frontier, make_policy
+from autonerf_lab.policies.egocentric import EgocentricView, egocentric_shares
 from autonerf_lab.policies.gain import RAYS, new_views, unknown_area
 from autonerf_lab.simulator import Simulator
-from autonerf_lab.types import Action
+from autonerf_lab.types import Action, Observation
 
 CAMERA = Intrinsics.from_fov(48, 48)
 
@@ -109,3 +112,39 @@ def test_new_views_are_those_of_unused_bins():
     area = new_views(explored, occupied, viewpoints, 30, 30, 1.0, 15.0)
     assert area[: RAYS // 4].sum() == 0
     assert area.sum() == pytest.approx(0.75 * full)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.1, 4.0])
+def test_egocentric_shares_are_those_of_a_rotated_picture(heading):
+    rng = np.random.default_rng(0)
+    channels = np.kron(rng.random((2, 6, 6)) < 0.5, np.ones((1, 10, 10), bool))
+    x, y, grid, width, samples = 28.3, 33.9, 8, 24.0, 5
+    shares = egocentric_shares(channels, x, y, heading, grid, width, samples)
+    # every sample by its own: ahead of the robot is up, its left is left
+    offsets = ((np.arange(grid * samples) + 0.5) / (grid * samples) - 0.5) * width
+    ahead, left = np.meshgrid(-offsets, -offsets, indexing="ij")
+    cols = np.floor(x + np.cos(heading) * ahead - np.sin(heading) * left).astype(int)
+    rows = np.floor(y + np.sin(heading) * ahead + np.cos(heading) * left).astype(int)
+    values = channels[:, rows, cols].reshape(2, grid, samples, grid, samples).sum(axis=(2, 4))
+    np.testing.assert_array_equal(shares, values * 255 // samples**2)
+
+
+def test_a_finer_map_is_seen_as_the_coarse_one_it_was_trained_on():
+    pose = planar_pose(0.4, -0.3, 0.7)
+    coarse = empty_map(pose, 240, 0.1)
+    rng = np.random.default_rng(0)
+    explored = np.zeros((240, 240), bool)
+    explored[90:150, 95:140] = rng.random((60, 45)) < 0.6
+    occupied = explored & (rng.random((240, 240)) < 0.2)
+    coarse = replace(coarse, explored=explored, occupied=occupied)
+    finer = replace(
+        empty_map(pose, 480, 0.05),
+        origin=coarse.origin,
+        explored=explored.repeat(2, 0).repeat(2, 1),
+        occupied=occupied.repeat(2, 0).repeat(2, 1),
+    )
+    image = Observation(np.zeros((84, 84, 3), np.uint8), np.zeros((84, 84)), np.zeros((84, 84)), pose)
+    seen = [EgocentricView().see(map, image, None) for map in (coarse, finer)]
+    assert seen[0]["near"].any() and seen[0]["far"].any()
+    for name in ("near", "far"):
+        np.testing.assert_array_equal(seen[0][name], seen[1][name])

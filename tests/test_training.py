@@ -12,18 +12,23 @@ from safetensors.numpy import load_file
 
 from autonerf_lab import cli
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError
+from autonerf_lab.geometry import planar_pose
+from autonerf_lab.mapping import empty_map
 from autonerf_lab.policies import load_policy, make_policy
-from autonerf_lab.policies.modular import make_network
+from autonerf_lab.policies.egocentric import EgocentricView
+from autonerf_lab.policies.networks import make_network
 from autonerf_lab.policies.views import CompactView
 from autonerf_lab.policies.weights import load_weights, save_weights
 from autonerf_lab.training import train
-from autonerf_lab.training.settings import PolicySettings
+from autonerf_lab.training.settings import PolicySettings, settings_of
 from autonerf_lab.training.symmetry import Symmetry
 from autonerf_lab.training.workers import WorkerPool
 from autonerf_lab.trajectory import load_trajectory
+from autonerf_lab.types import Observation
 
 TINY = PolicySettings(frames=400, environments=2, rollout=2, epochs=1, batch=4, sensor=16, max_steps=50)
-make_tiny = partial(train.make_waypoint_env, TINY, "cov")
+RECURRENT = settings_of("e2e-cov", frames=120, environments=2, rollout=10, epochs=1, batch=8, sensor=16, max_steps=10)
+make_tiny = partial(train.make_env, TINY, "cov")
 
 
 def place(seen: dict, number: int) -> int:
@@ -64,7 +69,7 @@ def broken(transition):
     ("reward", "message"), [(lambda transition: float("nan"), "nan"), (broken, "ZeroDivisionError: in my reward")]
 )
 def test_a_bad_reward_is_told_by_its_worker(reward, message):
-    pool = WorkerPool(partial(train.make_waypoint_env, TINY, reward), environments=2, workers=1)
+    pool = WorkerPool(partial(train.make_env, TINY, reward), environments=2, workers=1)
     try:
         seen = pool.reset()
         with pytest.raises(TrainingError, match=f"worker 0.*{message}"):
@@ -88,8 +93,12 @@ def weights_of(path):
     return load_file(f"{path}.safetensors")
 
 
-def test_stopped_and_continued_it_ends_with_the_same_bits(tmp_path, monkeypatch):
-    whole = train.train_policy("modular-cov", tmp_path / "whole", TINY, workers=1, progress=False)
+@pytest.mark.parametrize(
+    ("name", "settings", "last"),
+    [("modular-cov", TINY, "score"), ("e2e-cur", RECURRENT, "actor"), ("e2e-rec+0.1*nov", RECURRENT, "actor")],
+)
+def test_stopped_and_continued_it_ends_with_the_same_bits(name, settings, last, tmp_path, monkeypatch):
+    whole = train.train_policy(name, tmp_path / "whole", settings, workers=1, progress=False)
     monkeypatch.setattr(train, "SAVE_EVERY", 0.0)
     finished = train.Run._on_rollout_end
     rollouts = []
@@ -102,20 +111,20 @@ def test_stopped_and_continued_it_ends_with_the_same_bits(tmp_path, monkeypatch)
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(train.Run, "_on_rollout_end", stop_in_the_third)
-        train.train_policy("modular-cov", tmp_path / "parts", TINY, workers=2, progress=False)
+        train.train_policy(name, tmp_path / "parts", settings, workers=2, progress=False)
     assert (tmp_path / "parts" / train.CHECKPOINT).exists()
-    parts = train.train_policy("modular-cov", tmp_path / "parts", TINY, workers=1, progress=False)
+    parts = train.train_policy(name, tmp_path / "parts", settings, workers=1, progress=False)
     before, after = weights_of(whole), weights_of(parts)
     assert before.keys() == after.keys()
     assert all(np.array_equal(before[name], after[name]) for name in before)
     assert (tmp_path / "whole/curve.csv").read_text() == (tmp_path / "parts/curve.csv").read_text()
-    assert np.abs(after["score.weight"]).max() > 0  # it has learned something
+    assert np.abs(after[f"{last}.weight"]).max() > 0  # it has learned something
 
     with pytest.raises(RunFolderError, match=r"checkpoint.*\(lr differ\)"):
-        train.train_policy("modular-cov", tmp_path / "parts", replace(TINY, lr=2e-3), workers=1, progress=False)
+        train.train_policy(name, tmp_path / "parts", replace(settings, lr=2e-3), workers=1, progress=False)
     (tmp_path / "parts" / train.CHECKPOINT).write_bytes(b"\x10\0\0\0\0\0\0\0 not safetensors")
     with pytest.raises(DataError, match=r"checkpoint.safetensors is damaged"):
-        train.train_policy("modular-cov", tmp_path / "parts", TINY, workers=1, progress=False)
+        train.train_policy(name, tmp_path / "parts", settings, workers=1, progress=False)
 
 
 def test_a_number_that_is_not_finite_stops_it_and_leaves_the_checkpoint(tmp_path, monkeypatch):
@@ -136,7 +145,7 @@ def test_a_number_that_is_not_finite_stops_it_and_leaves_the_checkpoint(tmp_path
 
 
 def test_a_symmetry_turns_what_is_seen_and_actions_back():
-    env = Symmetry(train.make_waypoint_env(TINY, "cov").env)
+    env = Symmetry(train.make_env(TINY, "cov").env)
     rng = np.random.default_rng(0)
     kinds = set()
     for seed in range(12):
@@ -178,6 +187,41 @@ def test_weights_say_what_is_wrong_with_them(tmp_path):
     save_weights(tmp_path / "mine", network, {"policy": "modular-cov", "network": {"kind": "compact"}})
     with pytest.raises(DataError, match="not finite"):
         load_policy(tmp_path / "mine")
+
+
+def test_a_sequence_is_its_steps_one_by_one():
+    torch.manual_seed(0)
+    _, network = make_network({"kind": "egocentric", "memory": 16})
+    space = EgocentricView.observation_space
+    seen = {name: torch.from_numpy(np.stack([space[name].sample() for _ in range(6)])) for name in space}
+    starts = torch.tensor([1.0, 0, 0, 0, 0, 0])  # two sequences of three steps; only the first begins an episode
+    before = (torch.randn(1, 2, 16), torch.randn(1, 2, 16))
+    _, values, after = network(seen, before, starts)
+    for sequence in range(2):
+        memory = tuple(part[:, sequence : sequence + 1] for part in before)
+        for k in range(3 * sequence, 3 * sequence + 3):
+            step = {name: part[k : k + 1] for name, part in seen.items()}
+            _, value, memory = network(step, network.nothing(1) if starts[k] else memory, torch.zeros(1))
+            torch.testing.assert_close(value[0], values[k])
+        torch.testing.assert_close(memory[0][:, 0], after[0][:, sequence])
+
+
+def test_an_end_to_end_policy_remembers_an_episode_and_no_more(tmp_path):
+    _, network = make_network({"kind": "egocentric"})
+    with torch.no_grad():
+        network.actor.weight.normal_()
+    save_weights(tmp_path / "mine", network, {"policy": "e2e-cov", "network": {"kind": "egocentric"}})
+    policy = load_policy(tmp_path / "mine")
+    start = planar_pose(0, 0, 0)
+    rng = np.random.default_rng(0)
+    images = [rng.integers(256, size=(84, 84, 3)).astype(np.uint8) for _ in range(12)]
+    walks = []
+    for _ in range(2):
+        policy.reset(np.random.default_rng(3))
+        shown = [Observation(image, np.ones((84, 84)), np.zeros((84, 84)), start) for image in images]
+        walks.append([policy.act(empty_map(start), observation) for observation in shown])
+    assert walks[0] == walks[1] and len(set(walks[0])) > 1
+    assert policy._memory[0].abs().max() > 0
 
 
 def test_a_policy_of_ones_own_walks_by_the_path_of_its_weights(tmp_path, capsys):

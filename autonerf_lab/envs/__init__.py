@@ -14,6 +14,7 @@ from gymnasium.envs.registration import register, registry
 ENVS = {
     "AutoNeRF/Explore-v0": "autonerf_lab.envs.explore:ExploreEnv",
     "AutoNeRF/Waypoint-v0": "autonerf_lab.envs.waypoint:WaypointEnv",
+    "AutoNeRF/Egocentric-v0": "autonerf_lab.envs.egocentric:EgocentricEnv",
     "AutoNeRF/PointGoal-v0": "autonerf_lab.envs.pointgoal:PointGoalEnv",
 }
 

@@ -106,7 +106,7 @@ class MappingEnv(SceneEnv[ActType]):
 
     def __init__(self, reward: str | Reward = "cov", max_steps: int = 1500, window: int = 240, **options: Any) -> None:
         super().__init__(**options)
-        self._reward, self._reward_name = make_reward(reward), name_of(reward)
+        self.reward, self._reward_name = make_reward(reward), name_of(reward)
         self._terms: dict[str, float] = {}  # of a sum of rewards, since ``info`` was last made
         self._max_steps, self._window = max_steps, window
         self._mapper: Mapper | None = None
@@ -124,11 +124,11 @@ class MappingEnv(SceneEnv[ActType]):
         self._mapper = Mapper(start, self._intrinsics)
         self._mapper.add(observation)
         self._path = 0.0
-        forget = getattr(self._reward, "reset", None)
+        forget = getattr(self.reward, "reset", None)
         if forget is not None:
             forget(self.np_random)
-        if isinstance(self._reward, PrivilegedReward):
-            self._reward.show([self._reference() for _ in range(self._reward.references)])
+        if isinstance(self.reward, PrivilegedReward):
+            self.reward.show([self._reference() for _ in range(self.reward.references)])
         self._terms = {}
         self._count_terms()
         return observation
@@ -140,7 +140,7 @@ class MappingEnv(SceneEnv[ActType]):
         return Observation(frame.rgb, frame.depth, frame.semantics, pose)
 
     def _count_terms(self) -> None:
-        for name, value in getattr(self._reward, "terms", dict)().items():
+        for name, value in getattr(self.reward, "terms", dict)().items():
             self._terms[name] = self._terms.get(name, 0.0) + value
 
     def _advance(self, action: int) -> float:
@@ -150,7 +150,7 @@ class MappingEnv(SceneEnv[ActType]):
         self._observation = self._sim.step(action)
         self._path += float(np.linalg.norm(self._sim.pose[:2, 3] - place))
         before, after = self._mapper.add(self._observation)
-        reward = evaluate(self._reward, Transition(before, after, self._observation, action), self._reward_name)
+        reward = evaluate(self.reward, Transition(before, after, self._observation, action), self._reward_name)
         self._count_terms()
         return reward
 

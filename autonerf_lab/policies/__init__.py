@@ -18,9 +18,15 @@ def load_policy(path: str | Path) -> Policy:
     Raises:
         DataError: missing, damaged, or made for another network.
     """
-    from autonerf_lab.policies.modular import Modular  # torch: not for those who walk without it
+    # torch: not for those who walk without it
+    from autonerf_lab.policies.end_to_end import EndToEnd
+    from autonerf_lab.policies.modular import Modular
+    from autonerf_lab.policies.networks import EgocentricNetwork, make_network
+    from autonerf_lab.policies.weights import load_weights, read_meta
 
-    return Modular.load(path)
+    view, network = make_network(read_meta(path)["network"])
+    load_weights(path, network)
+    return EndToEnd(view, network) if isinstance(network, EgocentricNetwork) else Modular(view, network)
 
 
 POLICIES: dict[str, Callable[[], Policy]] = {

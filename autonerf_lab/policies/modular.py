@@ -1,16 +1,11 @@
 """The modular policy of section 3.1: a learned global policy chooses waypoints, fast marching leads there."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import torch
-from torch.distributions import Categorical, Distribution
 
 from autonerf_lab.planning.local import LocalPolicy
-from autonerf_lab.policies.networks import CompactNetwork, PaperNetwork
-from autonerf_lab.policies.views import FOLLOW_STEPS, CompactView, PaperView, View
-from autonerf_lab.policies.weights import load_weights, read_meta
+from autonerf_lab.policies.networks import draw
+from autonerf_lab.policies.views import FOLLOW_STEPS, View
 from autonerf_lab.types import MapState, Observation
 
 
@@ -24,6 +19,8 @@ class Modular:
     Example:
         >>> from autonerf_lab.geometry import planar_pose
         >>> from autonerf_lab.mapping import empty_map
+        >>> from autonerf_lab.policies.networks import CompactNetwork
+        >>> from autonerf_lab.policies.views import CompactView
         >>> pose = planar_pose(0, 0, 0)
         >>> policy = Modular(CompactView(), CompactNetwork())
         >>> policy.reset(np.random.default_rng(0))
@@ -35,17 +32,6 @@ class Modular:
     def __init__(self, view: View, network: torch.nn.Module) -> None:
         self.view, self.network = view, network.eval()
         self.reset(np.random.default_rng(0))
-
-    @classmethod
-    def load(cls, path: str | Path) -> "Modular":
-        """A trained policy: ``path`` without suffix, or the one of its two files.
-
-        Raises:
-            DataError: missing, damaged, or not the weights of a modular policy.
-        """
-        view, network = make_network(read_meta(path)["network"])
-        load_weights(path, network)
-        return cls(view, network)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode."""
@@ -66,22 +52,5 @@ class Modular:
     def _choose(self, map: MapState) -> np.ndarray:
         seen = {name: torch.as_tensor(np.asarray(value))[None] for name, value in self.view.see(map).items()}
         with torch.inference_mode():
-            action = _draw(self.network(seen)[0], self._rng)
+            action = draw(self.network(seen)[0], self._rng)
         return self.view.waypoint(action, map)
-
-
-def _draw(chances: Distribution, rng: np.random.Generator) -> Any:
-    """One action of a distribution over a batch of one."""
-    if isinstance(chances, Categorical):
-        shares = chances.probs[0].double().numpy()
-        return rng.choice(len(shares), p=shares / shares.sum())
-    mean, deviation = chances.mean[0].numpy(), chances.stddev[0].numpy()
-    return mean + deviation * rng.standard_normal(mean.shape)
-
-
-def make_network(settings: dict[str, Any]) -> tuple[View, torch.nn.Module]:
-    """The view and the fresh network of ``{"kind": "compact"}`` or ``{"kind": "paper", "viewpoints": ...}``."""
-    if settings["kind"] == "compact":
-        return CompactView(), CompactNetwork()
-    view = PaperView(settings.get("window", 240), settings.get("viewpoints", False))
-    return view, PaperNetwork(view.window, view.channels)

@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium import spaces
+from sb3_contrib import RecurrentPPO
+from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
+from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import Schedule
@@ -57,37 +60,83 @@ class NetworkPolicy(BasePolicy):
         return self.forward(observation, deterministic)[0]
 
 
+class RecurrentNetworkPolicy(RecurrentActorCriticPolicy):
+    """What recurrent PPO asks of a policy: as :class:`NetworkPolicy`, with a memory that actor and critic share."""
+
+    def __init__(
+        self,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Space[Any],
+        lr_schedule: Schedule,
+        network: Callable[[], torch.nn.Module],
+        use_sde: bool = False,
+    ) -> None:
+        BasePolicy.__init__(self, observation_space, action_space)  # its own would make other networks
+        self.network: torch.nn.Module = network()
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=lr_schedule(1), eps=1e-5)
+
+    @property
+    def lstm_actor(self) -> torch.nn.LSTM:  # type: ignore[override]
+        """Whose shape the memory has."""
+        lstm = self.network.lstm
+        assert isinstance(lstm, torch.nn.LSTM)
+        return lstm
+
+    def forward(  # type: ignore[override]
+        self, obs: Any, lstm_states: RNNStates, episode_starts: Tensor, deterministic: bool = False
+    ) -> Any:
+        """Actions, values, log-probabilities, memory."""
+        chances, value, memory = self.network(obs, lstm_states.pi, episode_starts)
+        actions = chances.mode if deterministic else chances.sample()
+        return actions, value[:, None], chances.log_prob(actions), RNNStates(memory, memory)
+
+    def evaluate_actions(  # type: ignore[override]
+        self, obs: Any, actions: Tensor, lstm_states: RNNStates, episode_starts: Tensor
+    ) -> Any:
+        """Values, log-probabilities, entropies."""
+        chances, value, _ = self.network(obs, lstm_states.pi, episode_starts)
+        return value[:, None], chances.log_prob(actions), chances.entropy()
+
+    def predict_values(  # type: ignore[override]
+        self, obs: Any, lstm_states: tuple[Tensor, ...], episode_starts: Tensor
+    ) -> Tensor:
+        """Values, (B, 1)."""
+        value: Tensor = self.network(obs, lstm_states, episode_starts)[1]
+        return value[:, None]
+
+
 def make_ppo(
     pool: WorkerPool, network: Callable[[], torch.nn.Module], settings: PolicySettings, log: Path | None
-) -> PPO:
-    """PPO with these settings; ``log`` is the folder of TensorBoard."""
-    return PPO(
-        NetworkPolicy,  # type: ignore[arg-type]
-        pool,
-        learning_rate=lambda remaining: settings.lr * remaining,
-        n_steps=settings.rollout,
-        batch_size=settings.batch,
-        n_epochs=settings.epochs,
-        gamma=settings.gamma,
-        gae_lambda=settings.gae,
-        clip_range=settings.clip,
-        ent_coef=settings.entropy,
-        vf_coef=settings.value,
-        max_grad_norm=settings.max_grad_norm,
-        policy_kwargs={"network": network},
-        tensorboard_log=None if log is None else str(log),
-        seed=settings.seed,
-        device="cpu",
-    )
+) -> PPO | RecurrentPPO:
+    """PPO with these settings, recurrent for a network with a memory; ``log`` is the folder of TensorBoard."""
+    options: dict[str, Any] = {
+        "learning_rate": lambda remaining: settings.lr * remaining,
+        "n_steps": settings.rollout,
+        "batch_size": settings.batch,
+        "n_epochs": settings.epochs,
+        "gamma": settings.gamma,
+        "gae_lambda": settings.gae,
+        "clip_range": settings.clip,
+        "ent_coef": settings.entropy,
+        "vf_coef": settings.value,
+        "max_grad_norm": settings.max_grad_norm,
+        "policy_kwargs": {"network": network},
+        "tensorboard_log": None if log is None else str(log),
+        "seed": settings.seed,
+        "device": "cpu",
+    }
+    if settings.network["kind"] == "egocentric":
+        return RecurrentPPO(RecurrentNetworkPolicy, pool, **options)
+    return PPO(NetworkPolicy, pool, **options)  # type: ignore[arg-type]
 
 
-def network_of(ppo: PPO) -> torch.nn.Module:
+def network_of(ppo: PPO | RecurrentPPO) -> torch.nn.Module:
     """The network that is trained."""
-    assert isinstance(ppo.policy, NetworkPolicy)
+    assert isinstance(ppo.policy, NetworkPolicy | RecurrentNetworkPolicy)
     return ppo.policy.network
 
 
-def numbers(ppo: PPO) -> dict[str, np.ndarray]:
+def numbers(ppo: PPO | RecurrentPPO) -> dict[str, np.ndarray]:
     """Parameters of the network, and what Adam remembers of each."""
     network, optimizer = network_of(ppo), ppo.policy.optimizer
     found = {f"parameter/{name}": value.detach() for name, value in network.named_parameters()}
@@ -97,7 +146,7 @@ def numbers(ppo: PPO) -> dict[str, np.ndarray]:
     return {name: value.numpy().copy() for name, value in found.items()}
 
 
-def restore(ppo: PPO, arrays: dict[str, np.ndarray]) -> None:
+def restore(ppo: PPO | RecurrentPPO, arrays: dict[str, np.ndarray]) -> None:
     """Undo :func:`numbers`.
 
     Raises:

@@ -4,26 +4,45 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.policies.views import FOLLOW_STEPS
 
-# Rewards come in units of their own; these bring a good episode's sum to about ten. An episode is as long as there is
-# something to find: area is seen in a quarter of a walk.
-_REWARDS = {
+# Rewards come in units of their own; ``scale`` brings a good episode's sum to about ten. An episode is as long as there
+# is something to find: area is seen in a quarter of a walk.
+_MODULAR: dict[str, dict[str, Any]] = {
     "cov": {"scale": 0.1, "max_steps": 400, "rollout": 16},
-    "obs": {"scale": 0.4, "max_steps": 1000},
-    "sem": {"scale": 0.4, "max_steps": 1000},
-    "view": {"scale": 0.02, "max_steps": 1000},
+    "obs": {"scale": 0.4},
+    "sem": {"scale": 0.4},
+    "view": {"scale": 0.02},
+}
+_END_TO_END: dict[str, dict[str, Any]] = {
+    "cov": {"scale": 0.1},
+    "cur": {"scale": 0.3},
+    "nov": {"scale": 0.03},
+    "rec": {"scale": 5.0},
+}
+# Ramakrishnan et al. 2021, appendix, where two cores allow it.
+_OF_END_TO_END: dict[str, Any] = {
+    "frames": 500_000,
+    "rollout": 128,
+    "batch": 512,
+    "lr": 5e-4,
+    "gamma": 0.99,
+    "entropy": 0.01,
+    "max_steps": 512,
+    "sensor": 84,
+    "network": {"kind": "egocentric"},
 }
 NETWORKS = ("compact", "paper")
 
 
 @dataclass(frozen=True)
 class PolicySettings:
-    """A run of PPO."""
+    """A run of PPO. A decision is a waypoint, of 25 actions of the robot, or an action."""
 
     frames: int = 1_000_000  # actions of the robots
     seed: int = 0
     environments: int = 8  # divided among the workers
-    rollout: int = 20  # waypoints of every environment between two updates; divides those of an episode
+    rollout: int = 20  # decisions of every environment between two updates; divides those of an episode
     epochs: int = 4
     batch: int = 32
     lr: float = 1e-3  # falls linearly to zero
@@ -38,9 +57,14 @@ class PolicySettings:
     sensor: int = 64  # pixels a side
     network: dict[str, Any] = field(default_factory=lambda: {"kind": "compact"})
 
+    @property
+    def actions(self) -> int:
+        """Of the robot, a decision."""
+        return 1 if self.network["kind"] == "egocentric" else FOLLOW_STEPS
+
 
 def settings_of(policy: str, **chosen: Any) -> PolicySettings:
-    """The settings of a policy by its name, ``modular-<reward>``; for a reward of your own, the defaults.
+    """The settings of a policy by its name, ``modular-<reward>`` or ``e2e-<reward>``; a reward of your own is welcome.
 
     Args:
         policy: its name.
@@ -54,6 +78,8 @@ def settings_of(policy: str, **chosen: Any) -> PolicySettings:
         400
     """
     kind, _, reward = policy.partition("-")
-    if kind != "modular" or not reward:
-        raise UnknownNameError("policy to train", policy, [f"modular-{name}" for name in _REWARDS])
-    return PolicySettings(**{**_REWARDS.get(reward, {}), **chosen})
+    if kind not in ("modular", "e2e") or not reward:
+        names = [f"modular-{name}" for name in _MODULAR] + [f"e2e-{name}" for name in _END_TO_END]
+        raise UnknownNameError("policy to train", policy, names)
+    own = _MODULAR.get(reward, {}) if kind == "modular" else _OF_END_TO_END | _END_TO_END.get(reward, {})
+    return PolicySettings(**{**own, **chosen})

@@ -17,16 +17,17 @@ import gymnasium
 import numpy as np
 import pandas as pd
 import torch
+from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
+from autonerf_lab.envs.egocentric import EgocentricEnv
 from autonerf_lab.envs.waypoint import WaypointEnv
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError
-from autonerf_lab.policies.modular import make_network
-from autonerf_lab.policies.views import FOLLOW_STEPS
+from autonerf_lab.policies.networks import make_network
 from autonerf_lab.policies.weights import save_weights
-from autonerf_lab.rewards import Reward
+from autonerf_lab.rewards import LearnedReward, Reward, make_reward
 from autonerf_lab.storage import read_arrays, write_arrays
 from autonerf_lab.training.ppo import make_ppo, network_of, numbers, restore
 from autonerf_lab.training.settings import PolicySettings, settings_of
@@ -35,12 +36,17 @@ from autonerf_lab.training.workers import WorkerPool
 
 CHECKPOINT = "checkpoint.safetensors"
 SAVE_EVERY = 60.0  # seconds between two checkpoints
+_OF_REWARD = "reward/"  # begins the names of its arrays in a checkpoint
 
 
-def make_waypoint_env(settings: PolicySettings, reward: str | Reward) -> gymnasium.Env:
-    """The environment that a modular policy trains in: the training scenes, depth and classes."""
-    view, _ = make_network(settings.network)
-    env: gymnasium.Env = WaypointEnv(view, reward=reward, size=settings.sensor, max_steps=settings.max_steps)
+def make_env(settings: PolicySettings, reward: str | Reward) -> gymnasium.Env:
+    """The environment that a policy trains in: the training scenes, with colours only where they are looked at."""
+    options: dict[str, Any] = {"reward": reward, "size": settings.sensor, "max_steps": settings.max_steps}
+    env: gymnasium.Env
+    if settings.network["kind"] == "egocentric":
+        env = EgocentricEnv(**options)
+    else:
+        env = WaypointEnv(make_network(settings.network)[0], **options)
     env = gymnasium.wrappers.TransformReward(env, partial(mul, settings.scale))
     return Symmetry(env) if settings.network["kind"] == "compact" else env
 
@@ -52,17 +58,25 @@ class Run(BaseCallback):
         folder: of the checkpoint.
         identity: tells this training from another.
         settings: of the training.
-        steps: frames an action takes.
+        pool: the environments.
+        reward: the one that learns for those of all environments, if it does learn.
         progress: show a bar.
     """
 
     def __init__(
-        self, folder: Path, identity: dict[str, Any], settings: PolicySettings, steps: int, progress: bool
+        self,
+        folder: Path,
+        identity: dict[str, Any],
+        settings: PolicySettings,
+        pool: WorkerPool,
+        reward: Reward,
+        progress: bool,
     ) -> None:
         super().__init__()
-        self.model: PPO
+        self.model: PPO | RecurrentPPO
         self.folder, self.identity, self.settings = folder, identity, settings
-        self.steps, self.progress = steps, progress
+        self.pool, self.progress = pool, progress
+        self.reward = reward if isinstance(reward, LearnedReward) else None
         self.curve: list[dict[str, float]] = []
         self.episode, self.seconds = 0, 0.0
         self.rollouts = 0
@@ -72,10 +86,10 @@ class Run(BaseCallback):
     @property
     def frames(self) -> int:
         """Actions of the robots so far."""
-        return self.model.num_timesteps * self.steps
+        return self.model.num_timesteps * self.settings.actions
 
-    def resume(self) -> bool:
-        """Read the checkpoint, if there is one, into the model.
+    def resume(self) -> None:
+        """Go on from the checkpoint, if there is one.
 
         Raises:
             RunFolderError: it belongs to a training with other settings.
@@ -83,7 +97,7 @@ class Run(BaseCallback):
         """
         path = self.folder / CHECKPOINT
         if not path.exists():
-            return False
+            return
         try:
             arrays, header = read_arrays(path)
             if header["identity"] != self.identity:
@@ -91,12 +105,16 @@ class Run(BaseCallback):
                 raise RunFolderError(
                     f"{path} belongs to another training ({', '.join(differ)} differ); remove it, or use another folder"
                 )
-            restore(self.model, arrays)
+            restore(self.model, {k: v for k, v in arrays.items() if not k.startswith(_OF_REWARD)})
+            if self.reward:
+                learned = {k.removeprefix(_OF_REWARD): v for k, v in arrays.items() if k.startswith(_OF_REWARD)}
+                self.reward.load_state_dict(learned)
+                self.pool.call("teach", learned)
             self.curve, self.episode, self.seconds = header["curve"], header["episode"], header["seconds"]
             self.model.num_timesteps, self.model._n_updates = header["timesteps"], header["updates"]
+            self.pool.begin(self.episode)
         except (KeyError, TypeError, ValueError) as error:  # a DataError is a ValueError
             raise DataError(f"{path} is damaged ({error!r}); remove it to start the training again") from error
-        return True
 
     def save(self) -> None:
         """Write the checkpoint: only between two episodes."""
@@ -108,7 +126,9 @@ class Run(BaseCallback):
             "timesteps": self.model.num_timesteps,
             "updates": self.model._n_updates,
         }
-        write_arrays(self.folder / CHECKPOINT, numbers(self.model), header)
+        learned = self.reward.state_dict() if self.reward else {}
+        arrays = numbers(self.model) | {_OF_REWARD + name: array for name, array in learned.items()}
+        write_arrays(self.folder / CHECKPOINT, arrays, header)
         self._saved = time.perf_counter()
 
     def finish(self) -> None:
@@ -152,7 +172,7 @@ class Run(BaseCallback):
             self._bar.set_postfix_str(f"reward an episode {row['reward']:.1f}, explored {row['explored_m2']:.0f} m²")
             for name, value in row.items():
                 self.logger.record(f"episode/{name}", value)
-        self._bar.update(self.settings.environments * self.steps)
+        self._bar.update(self.settings.environments * self.settings.actions)
         return True
 
     def _on_rollout_end(self) -> None:
@@ -160,6 +180,12 @@ class Run(BaseCallback):
         for name in ("rewards", "values", "returns"):
             if not np.isfinite(getattr(buffer, name)).all():
                 raise TrainingError(f"{name} are not finite after {self.frames} frames; {self._kept()}")
+        if self.reward:
+            seen = [batch for part in self.pool.call("collect") for batch in part]
+            learned = self.reward.update({name: np.concatenate([batch[name] for batch in seen]) for name in seen[0]})
+            for name, value in learned.items():
+                self.logger.record(f"reward/{name}", value)
+            self.pool.call("teach", self.reward.state_dict())
 
     def _on_training_end(self) -> None:
         self._bar.close()
@@ -180,7 +206,7 @@ def train_policy(
     """Train a policy by PPO on the training apartments, or go on with it.
 
     Args:
-        name: ``modular-<reward>``.
+        name: ``modular-<reward>`` or ``e2e-<reward>``.
         folder: of the run; a checkpoint in it is continued.
         settings: without them, those of :func:`~autonerf_lab.training.settings.settings_of`.
         reward: in place of the one in the name.
@@ -196,19 +222,17 @@ def train_policy(
         TrainingError: a value is not finite, or a worker died; the last checkpoint stays as it was.
     """
     folder, settings = Path(folder), settings or settings_of(name)
-    chosen = name.partition("-")[2]
-    frames_an_update = FOLLOW_STEPS * settings.rollout * settings.environments
+    chosen = reward or name.partition("-")[2]
+    learning = make_reward(chosen)
+    frames_an_update = settings.actions * settings.rollout * settings.environments
     identity = {"policy": name, **json.loads(json.dumps(asdict(replace(settings, frames=0))))}
     started = time.perf_counter()
-    pool = WorkerPool(
-        partial(make_waypoint_env, settings, reward or chosen), settings.environments, workers, settings.seed
-    )
+    pool = WorkerPool(partial(make_env, settings, chosen), settings.environments, workers, settings.seed)
     try:
         ppo = make_ppo(pool, lambda: make_network(settings.network)[1], settings, folder / "tensorboard")
-        run = Run(folder, identity, settings, FOLLOW_STEPS, progress)
+        run = Run(folder, identity, settings, pool, learning, progress)
         run.model = ppo
-        if run.resume():
-            pool.begin(run.episode)
+        run.resume()
         updates = -(-settings.frames // frames_an_update)
         remaining = updates * settings.rollout * settings.environments - ppo.num_timesteps
         ppo._last_obs = None

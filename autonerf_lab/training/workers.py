@@ -11,6 +11,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from stable_baselines3.common.vec_env import CloudpickleWrapper, VecEnv
 
 from autonerf_lab.errors import TrainingError
@@ -135,7 +136,7 @@ class _Share:
     """The environments of one worker; its methods are what the pool can call."""
 
     def __init__(self, make: MakeEnv, indices: list[int], seed: int) -> None:
-        self.envs = {index: make() for index in indices}
+        self.envs: dict[int, Any] = {index: make() for index in indices}
         self.seed = seed
         self.episode = 0
         self.episodes = dict.fromkeys(indices, 0)
@@ -152,6 +153,15 @@ class _Share:
 
     def step(self, actions: np.ndarray) -> list[Any]:
         return [self._step(index, action) for index, action in zip(self.envs, actions, strict=True)]
+
+    def collect(self) -> list[dict[str, np.ndarray]]:
+        """What the rewards of the environments have seen."""
+        return [env.unwrapped.reward.collect() for env in self.envs.values()]
+
+    def teach(self, state: dict[str, np.ndarray]) -> None:
+        """What one of them has learned from it."""
+        for env in self.envs.values():
+            env.unwrapped.reward.load_state_dict(state)
 
     def _reset(self, index: int) -> Any:
         words = [self.seed, index, self.episodes[index]]
@@ -172,6 +182,7 @@ class _Share:
 
 def _work(pipe: Connection, make: CloudpickleWrapper, indices: list[int], seed: int) -> None:
     """Answer until the pool closes the pipe."""
+    torch.set_num_threads(1)  # rewards that learn use it; there are as many workers as cores
     share: _Share | None = None
     while True:
         try:
