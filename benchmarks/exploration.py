@@ -1,77 +1,235 @@
-"""How fast the robot explores: an episode as it is recorded, and the steps of an environment as policies train on it.
+"""How well and how fast the robot explores: task 8 of the protocol, for every policy.
 
-Prints a table, and as its last line one JSON object. ``--quick`` for a look.
+    python benchmarks/exploration.py                          # development scenes, 2 starts: about an hour
+    python benchmarks/exploration.py --split val --starts 5 --plot docs/coverage.png
+    python benchmarks/exploration.py --policies frontier,modular-obs --no-speed
+    python benchmarks/exploration.py --quick
+
+Coverage: shares of what is visible in the scene after 10, 25, 50 and 100 % of the walk, and the areas under the curves,
+means over scenes with 95 % intervals (Student's t on scene means). Each learned policy is compared, paired by scene and
+start, by the area under the curve of what it was trained for: with frontier, random waypoints and its own untrained
+network where it chooses waypoints, with random and its own untrained network where it chooses actions. Curiosity,
+novelty and reconstruction have no curve of their own; they are judged by the area. A walk is kept as a JSON under
+``--cells``; a run that was interrupted goes on where it stopped, and weights that have changed since walk again.
+
+Speed: an episode as it is recorded (128 x 128, supersampled), and training, learning included, on 1 and 2 workers.
+
+Prints tables and, as the last line, one JSON object.
 """
 
 import argparse
+import hashlib
 import json
+import tempfile
 import time
-from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
 
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
 import numpy as np
+import torch
+from common.training import in_fresh_process, set_threads
 
+from autonerf_lab.benchmark.statistics import Runs, difference, interval
+from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage, visible_map
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.mapping import empty_map, update
-from autonerf_lab.policies import make_policy
-from autonerf_lab.scenes import load_scene
+from autonerf_lab.policies import POLICIES, WEIGHTS, Policy, load_policy, make_policy
+from autonerf_lab.scenes import load_scene, scene_names
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.storage import read_json, write_json
+from autonerf_lab.types import MapState
 
-
-def milliseconds(work: Callable[[], object], repeats: int) -> float:
-    """Mean time of one call."""
-    work()
-    start = time.perf_counter()
-    for _ in range(repeats):
-        work()
-    return (time.perf_counter() - start) / repeats * 1000
-
-
-def environment_steps_per_second(sim: Simulator, cells: int, steps: int) -> float:
-    """Move, look (depth and classes), map; no learning."""
-    rng = np.random.default_rng(0)
-    observation = sim.reset(seed=0)
-    known = empty_map(observation.pose, cells, 24.0 / cells)
-    start = time.perf_counter()
-    for action in rng.choice(3, size=steps, p=[0.6, 0.2, 0.2]):
-        known = update(known, observation, sim.intrinsics)
-        observation = sim.step(int(action))
-    return steps / (time.perf_counter() - start)
+SENSOR = 84  # pixels a side: what the end-to-end policies look at
+UNTRAINED = "untrained "
+TRAINED_FOR = {"cov": "area", "obs": "obstacles", "sem": "semantics", "view": "viewpoints"}
+STRIDE = 5  # steps between two points of a curve that is kept
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="a shorter episode")
-    quick = parser.parse_args().quick
-    scene = load_scene("dev-0")
-    bake = time.perf_counter()
-    _ = scene.texture
-    bake = time.perf_counter() - bake
-    sim = Simulator(scene)  # 128x128, 2x2 supersampled
-    sensor = Simulator(scene, Intrinsics.from_fov(64, 64), rgb=False)
-    explore(sim, "frontier", steps=40, progress=False)  # compiled kernels are not what is measured
-    steps = 200 if quick else 1500
-    start = time.perf_counter()
-    walk = explore(sim, "frontier", steps=steps, progress=False)
-    episode = (time.perf_counter() - start) * 1500 / steps
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--split", default="dev", choices=["train", "dev", "val"])
+    parser.add_argument("--policies", default=None, help="comma list; all, and the untrained, without")
+    parser.add_argument("--steps", type=int, default=1500)
+    parser.add_argument("--starts", type=int, default=2, help="seeded starts a scene")
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+    parser.add_argument("--cells", type=Path, default=Path("runs/exploration"), help="where walks are kept")
+    parser.add_argument("--plot", default=None, help="where to write the figure")
+    parser.add_argument("--no-speed", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="one scene, two policies, 200 steps: to see that it runs")
+    options = parser.parse_args()
+    learned = [name for name in POLICIES if name.startswith(("modular-", "e2e-"))]
+    policies = [*POLICIES, *(UNTRAINED + name for name in learned)]
+    scenes = scene_names(options.split)
+    if options.policies:
+        policies = options.policies.split(",")
+    if options.quick:
+        scenes, policies, options.steps, options.starts = scenes[:1], ["random", "frontier"], 200, 1
+        options.cells = Path(tempfile.mkdtemp())
+    curves = walk_all(policies, scenes, options.starts, options.steps, options.cells, options.workers)
+    print_curves(curves, options.steps)
+    print_differences(curves)
+    if options.plot:
+        draw(curves, options.plot, f"{len(scenes)} {options.split} scenes, {options.starts} starts each")
+    figures = dict.fromkeys(("modular_steps_per_s", "e2e_steps_per_s", "episode_s"))
+    if not options.no_speed:
+        figures |= speed(options.quick)
+    areas = {f"{p} {q} auc": interval(areas_of(by[q])).mean for p, by in curves.items() for q in by}
+    print(json.dumps({k: v if v is None else round(v, 2) for k, v in (figures | areas).items()}))
 
-    observation = sim.reset(seed=0)
-    known = update(empty_map(observation.pose), observation, sim.intrinsics)
-    policy = make_policy("frontier")
-    policy.reset(np.random.default_rng(0))
-    figures = {
-        "episode_s": episode,
-        "texture_s": bake,
-        "render_ms": milliseconds(sim.observe, 50),
-        "map_ms": milliseconds(lambda: update(known, observation, sim.intrinsics), 50),
-        "policy_ms": milliseconds(lambda: policy.act(known, observation), 50),
-        "environment_steps_per_s_480": environment_steps_per_second(sensor, 480, steps),
-        "environment_steps_per_s_240": environment_steps_per_second(sensor, 240, steps),
-        "explored_m2": walk.meta["explored_m2"][-1],
+
+Curves = dict[str, dict[str, dict[str, list[np.ndarray]]]]  # policy -> quantity -> scene -> one a start, percent
+
+
+def walk_all(policies: list[str], scenes: list[str], starts: int, steps: int, cells: Path, workers: int) -> Curves:
+    """Every policy in every scene, in processes of one thread each."""
+    curves: Curves = {p: {q: {s: [] for s in scenes} for q in QUANTITIES.values()} for p in policies}
+    jobs = [
+        (policy, scene, start, steps, str(cells)) for scene in scenes for policy in policies for start in range(starts)
+    ]
+    with ProcessPoolExecutor(workers, get_context("spawn"), set_threads, (1,)) as pool:
+        for job, cell in zip(jobs, pool.map(walk, *zip(*jobs, strict=True)), strict=True):
+            for quantity, curve in cell["curves"].items():
+                curves[job[0]][quantity][job[1]].append(np.array(curve))
+    return curves
+
+
+def walk(policy: str, scene: str, start: int, steps: int, cells: str) -> dict[str, Any]:
+    """One walk and its curves, at every fifth step; what was walked before is read."""
+    path = Path(cells) / policy.replace(" ", "-").replace("/", "-") / f"{scene}-{start}-{steps}.json"
+    identity = {"policy": policy, "scene": scene, "start": start, "steps": steps, "weights": hash_of(policy)}
+    if path.exists() and (kept := read_json(path))["identity"] == identity:
+        return kept
+    sim, visible = everything(scene)
+    made = explore(sim, make(policy), steps, start, progress=False)
+    shares = {
+        name: curve[STRIDE - 1 :: STRIDE].round(3).tolist() for name, curve in coverage(sim, made, visible).items()
     }
-    for name, value in figures.items():
-        print(f"{name:<32}{value:>10.2f}")
-    print(json.dumps({k: round(float(v), 3) for k, v in figures.items()}))
+    cell = {"identity": identity, "curves": shares, "collisions": int(sum(made.meta["collided"]))}
+    write_json(path, cell)
+    print(
+        f"{scene} {start} {policy:<24}" + "".join(f"{area_under(np.array(c)):7.1f}" for c in shares.values()),
+        flush=True,
+    )
+    return cell
+
+
+@cache
+def everything(scene: str) -> tuple[Simulator, MapState]:
+    """The simulator of a scene and all that is visible in it; the camera is the same for every policy."""
+    sim = Simulator(load_scene(scene), Intrinsics.from_fov(SENSOR, SENSOR), supersample=1)
+    return sim, visible_map(sim)
+
+
+def make(policy: str) -> Policy:
+    """By its name or the path of its weights; with ``untrained`` before it, its network as it was before training."""
+    torch.manual_seed(0)
+    return load_policy(weights_of(policy), trained=False) if policy.startswith(UNTRAINED) else make_policy(policy)
+
+
+def weights_of(policy: str) -> Path:
+    """Where they would be, if it has any."""
+    name = policy.removeprefix(UNTRAINED)
+    return Path(name) if name.endswith(".safetensors") else WEIGHTS / f"{name}.safetensors"
+
+
+def hash_of(policy: str) -> str | None:
+    """Of the weights that a policy walks with."""
+    path = weights_of(policy)
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else None
+
+
+def areas_of(by_scene: dict[str, list[np.ndarray]]) -> Runs:
+    """The area under each curve."""
+    return {scene: [area_under(curve) for curve in curves] for scene, curves in by_scene.items()}
+
+
+def print_curves(curves: Curves, steps: int) -> None:
+    """A row a policy and a quantity."""
+    print(f"\n{'policy':<24}{'quantity':<12}{'10 %':>7}{'25 %':>7}{'50 %':>7}{'100 %':>7}   area under the curve")
+    marks = [round(share * steps / STRIDE) - 1 for share in (0.1, 0.25, 0.5, 1)]
+    for policy, by_quantity in curves.items():
+        for quantity, by_scene in by_quantity.items():
+            mean = np.mean([np.mean(rows, axis=0) for rows in by_scene.values()], axis=0)
+            values = "".join(f"{mean[k]:7.1f}" for k in marks)
+            print(f"{policy:<24}{quantity:<12}{values}   {interval(areas_of(by_scene))}")
+
+
+def print_differences(curves: Curves) -> None:
+    """Of each learned policy to those that it has to beat."""
+    for policy, by_quantity in curves.items():
+        kind, _, reward = policy.partition("-")
+        if kind not in ("modular", "e2e"):
+            continue
+        quantity = TRAINED_FOR.get(reward, "area")
+        rivals = ["frontier", "random-waypoints"] if kind == "modular" else ["random"]
+        for rival in (*rivals, UNTRAINED + policy):
+            if rival in curves:
+                found = difference(areas_of(by_quantity[quantity]), areas_of(curves[rival][quantity]))
+                verdict = ("better" if found.mean > 0 else "worse") if found.clear else "not told apart"
+                print(f"{policy:<14} - {rival:<24} area under {quantity:<11} {found!s:<14} {verdict}")
+
+
+def draw(curves: Curves, path: str, title: str) -> None:
+    """One panel a quantity, a line a policy, the band from the worst to the best scene."""
+    fig, axes = plt.subplots(1, len(QUANTITIES), figsize=(14, 4), sharey=True, layout="constrained")
+    shown = [policy for policy in curves if not policy.startswith(UNTRAINED)]
+    colours = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
+    for ax, quantity in zip(axes, QUANTITIES.values(), strict=True):
+        for policy, colour in zip(shown, colours, strict=False):
+            rows = np.array([np.mean(rows, axis=0) for rows in curves[policy][quantity].values()])
+            steps = (np.arange(rows.shape[1]) + 1) * STRIDE
+            ax.plot(steps, rows.mean(axis=0), label=policy, color=colour)
+            ax.fill_between(steps, rows.min(0), rows.max(0), color=colour, alpha=0.1, linewidth=0)
+        ax.set(title=quantity, xlabel="step", xlim=(0, steps[-1]), ylim=(0, 100))
+        ax.grid(alpha=0.3)
+    axes[0].set_ylabel("share of what is visible [%]")
+    fig.legend(*axes[0].get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=6)
+    fig.suptitle(title)
+    fig.savefig(path, dpi=110)
+
+
+def speed(quick: bool) -> dict[str, float]:
+    """An episode, and training on one and two workers."""
+    figures = {"episode_s": in_fresh_process(1, episode_seconds, 200 if quick else 1500)}
+    print(f"\nan episode of 1500 steps, 128 x 128, supersampled, mapped: {figures['episode_s']:.1f} s")
+    for kind, policy in (("modular", "modular-obs"), ("e2e", "e2e-cov")):
+        for workers in (1, 2):
+            rate = in_fresh_process(workers, steps_per_second, policy, workers, 1 if quick else 4)
+            print(f"training {policy}, {workers} worker{'s' * (workers > 1)}: {rate:.0f} steps/s, learning included")
+            figures[f"{kind}_steps_per_s"] = rate
+    return figures
+
+
+def episode_seconds(steps: int) -> float:
+    """Of an episode of 1500 steps, from as many as are walked."""
+    sim = Simulator(load_scene("dev-0"))
+    explore(sim, "frontier", steps=40, progress=False)  # compiled kernels and the texture are not what is measured
+    started = time.perf_counter()
+    explore(sim, "frontier", steps=steps, progress=False)
+    return (time.perf_counter() - started) * 1500 / steps
+
+
+def steps_per_second(policy: str, workers: int, rollouts: int) -> float:
+    """Of a training: what more rollouts cost, so that its beginning does not count."""
+    from autonerf_lab.training.settings import settings_of
+    from autonerf_lab.training.train import train_policy
+
+    settings = settings_of(policy)
+    frames = settings.actions * settings.rollout * settings.environments
+    seconds = []
+    for count in (1, 1 + rollouts):
+        with tempfile.TemporaryDirectory() as folder:
+            started = time.perf_counter()
+            train_policy(policy, folder, settings_of(policy, frames=count * frames), workers=workers, progress=False)
+            seconds.append(time.perf_counter() - started)
+    return rollouts * frames / (seconds[1] - seconds[0])
 
 
 if __name__ == "__main__":

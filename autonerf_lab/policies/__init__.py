@@ -9,11 +9,15 @@ from autonerf_lab.policies.base import Policy
 from autonerf_lab.policies.frontier import Frontier
 from autonerf_lab.policies.random_walk import RandomWalk, RandomWaypoints
 
-_WEIGHTS = Path(__file__).parent / "weights"
+WEIGHTS = Path(__file__).parent / "weights"
 
 
-def load_policy(path: str | Path) -> Policy:
+def load_policy(path: str | Path, trained: bool = True) -> Policy:
     """A policy that was trained: the files ``path``.safetensors and ``path``.json.
+
+    Args:
+        path: of both, without suffix or with one of theirs.
+        trained: False for the same network as it was before training, what a training has to beat.
 
     Raises:
         DataError: missing, damaged, or made for another network.
@@ -25,7 +29,8 @@ def load_policy(path: str | Path) -> Policy:
     from autonerf_lab.policies.weights import load_weights, read_meta
 
     view, network = make_network(read_meta(path)["network"])
-    load_weights(path, network)
+    if trained:
+        load_weights(path, network)
     return EndToEnd(view, network) if isinstance(network, EgocentricNetwork) else Modular(view, network)
 
 
@@ -33,7 +38,7 @@ POLICIES: dict[str, Callable[[], Policy]] = {
     "random": RandomWalk,
     "random-waypoints": RandomWaypoints,
     "frontier": Frontier,
-    **{path.stem: partial(load_policy, path) for path in sorted(_WEIGHTS.glob("*.safetensors"))},
+    **{path.stem: partial(load_policy, path) for path in sorted(WEIGHTS.glob("*.safetensors"))},
 }
 
 
@@ -55,4 +60,4 @@ def make_policy(name: str) -> Policy:
     return POLICIES[name]()
 
 
-__all__ = ["POLICIES", "Frontier", "Policy", "RandomWalk", "RandomWaypoints", "load_policy", "make_policy"]
+__all__ = ["POLICIES", "WEIGHTS", "Frontier", "Policy", "RandomWalk", "RandomWaypoints", "load_policy", "make_policy"]
