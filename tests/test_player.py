@@ -28,6 +28,7 @@ from autonerf_lab.trajectory import Trajectory
 from autonerf_lab.types import Observation
 from autonerf_lab.viz.player import Player, play
 from autonerf_lab.viz.retrace import EXPLORED, FRONTIER, OCCUPIED, PALETTE, UNKNOWN, cells, retrace
+from autonerf_lab.viz.rollouts import rollouts
 
 CAMERA = Intrinsics.from_fov(24, 24)
 STEPS = 13
@@ -273,3 +274,20 @@ def test_command(walk: Trajectory, other: Trajectory, tmp_path: Path, capsys: py
     run.mark("explore", 1.0, None)
     assert cli.main(["play", str(run.path), "--out", str(page)]) == 0
     assert len(json.loads(Elements(page.read_text()).script)["walks"]) == 1
+
+
+def test_rollouts_show_what_each_walk_knew_by_when(walk, other):
+    figure = rollouts(walk, other, steps=(2, 8, 100), titles=("one", EVIL))
+    titles = [ax.get_title() for ax in figure.axes]
+    assert len(titles) == 6
+    area = [retrace(one, np.array([1, 7, 99])).area for one in (walk, other)]
+    assert titles[0] == f"step 2: {area[0][0]:.0f} m²" and titles[5] == f"step 8: {area[1][2]:.0f} m²"
+    lines = [ax.lines[1].get_xydata() for ax in figure.axes]
+    np.testing.assert_allclose(lines[1], walk.poses[:8, :2, 3], atol=1e-9)  # the second walk ends there
+    assert {(*ax.get_xlim(), *ax.get_ylim()) for ax in figure.axes} == {
+        (*figure.axes[0].get_xlim(), *figure.axes[0].get_ylim())
+    }
+    with pytest.raises(DataError, match="at least one walk"):
+        rollouts()
+    with pytest.raises(DataError, match="kept no depth"):
+        rollouts(replace(walk, depth=None))

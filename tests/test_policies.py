@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_scene import two_rooms
+from toy_scene import empty_room, two_rooms
 
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.exploration import explore
@@ -43,6 +43,13 @@ def test_every_policy_conforms(name, sim):
             observation = sim.step(actions[-1])
         walks.append(actions)
     assert walks[0] == walks[1]
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_a_single_closed_room_is_walked_to_the_end(name):
+    sim = Simulator(empty_room(3.0, 2.0), CAMERA, supersample=1)
+    walk = explore(sim, name, 120, seed=0, progress=False)
+    assert len(walk) == 120 and len(set(walk.meta["actions"])) > 1
 
 
 def test_unknown_names_list_the_valid_ones():
