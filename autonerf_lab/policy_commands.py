@@ -34,12 +34,16 @@ def whole(text: str) -> int:
 class TrainPolicy:
     """Train an exploration policy by PPO on the training apartments. Interrupted, the same command goes on."""
 
-    policy: Annotated[str, arg(help="modular-REWARD, such as modular-obs.")] = "modular-obs"
-    frames: Annotated[str, arg(help="Actions of the robots; more than before: it goes on.")] = "1000000"
+    policy: Annotated[str, arg(help="modular-REWARD or e2e-REWARD, such as modular-obs.")] = "modular-obs"
+    frames: Annotated[str | None, arg(help="Actions of the robots, 1e6 or for e2e 5e5 without; more: it goes on.")] = (
+        None
+    )
     workers: Annotated[int, arg(help="Processes that walk.")] = 2
     seed: Annotated[int, arg(help="Of everything.")] = 0
     out: Annotated[Path | None, arg(help="Folder of the run; runs/policies/POLICY without it.")] = None
-    network: Annotated[Literal["compact", "paper"], arg(help="What it sees and how large it is.")] = "compact"
+    network: Annotated[
+        Literal["compact", "paper"], arg(help="Of a modular policy: what it sees and how large it is.")
+    ] = "compact"
 
     def run(self) -> None:
         """Train, draw the curve, say where the weights are."""
@@ -48,10 +52,10 @@ class TrainPolicy:
         from autonerf_lab.training.train import train_policy
         from autonerf_lab.viz.training_figures import learning_curve
 
-        network: dict[str, Any] = {"kind": self.network}
+        chosen: dict[str, Any] = {} if self.frames is None else {"frames": whole(self.frames)}
         if self.network == "paper":
-            network["viewpoints"] = self.policy.endswith("-view")
-        settings = settings_of(self.policy, frames=whole(self.frames), seed=self.seed, network=network)
+            chosen["network"] = {"kind": "paper", "viewpoints": self.policy.endswith("-view")}
+        settings = settings_of(self.policy, seed=self.seed, **chosen)
         out = self.out or Path("runs/policies") / self.policy
         weights = train_policy(self.policy, out, settings, workers=self.workers)
         learning_curve(read_meta(weights)["curve"], self.policy).savefig(out / "curve.png", dpi=110)

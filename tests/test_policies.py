@@ -2,15 +2,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from safetensors.numpy import load_file
 from toy_scene import empty_room, two_rooms
 
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.mapping import empty_map, update
-from autonerf_lab.policies import POLICIES, Frontier, make_policy
+from autonerf_lab.policies import POLICIES, WEIGHTS, Frontier, make_policy
 from autonerf_lab.policies.egocentric import EgocentricView, egocentric_shares
+from autonerf_lab.policies.end_to_end import EndToEnd
 from autonerf_lab.policies.gain import RAYS, new_views, unknown_area
+from autonerf_lab.policies.modular import Modular
+from autonerf_lab.policies.weights import read_meta
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action, Observation
 
@@ -53,7 +57,7 @@ def test_a_single_closed_room_is_walked_to_the_end(name):
 
 
 def test_unknown_names_list_the_valid_ones():
-    with pytest.raises(UnknownNameError, match="valid names: frontier, random, random-waypoints"):
+    with pytest.raises(UnknownNameError, match="valid names: frontier, modular-obs, .*random, random-waypoints"):
         make_policy("best")
 
 
@@ -155,3 +159,14 @@ def test_a_finer_map_is_seen_as_the_coarse_one_it_was_trained_on():
     assert seen[0]["near"].any() and seen[0]["far"].any()
     for name in ("near", "far"):
         np.testing.assert_array_equal(seen[0][name], seen[1][name])
+
+
+@pytest.mark.parametrize("path", sorted(WEIGHTS.glob("*.safetensors")), ids=lambda path: path.stem)
+def test_weights_that_ship_are_small_and_say_how_they_were_made(path):
+    assert path.stat().st_size <= 5e6
+    meta = read_meta(path)
+    assert meta["command"].startswith(f"autonerf-lab train-policy --policy {path.stem} --frames ")
+    assert meta["frames"] >= 500_000 and meta["hours"] > 0 and meta["seed"] is not None
+    assert all(row["frames"] > 0 and np.isfinite(row["reward"]) for row in meta["curve"])
+    assert any(np.abs(array.astype(np.float32)).max() > 0 for array in load_file(path).values())
+    assert isinstance(make_policy(path.stem), Modular if path.stem.startswith("modular-") else EndToEnd)

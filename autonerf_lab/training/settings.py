@@ -83,3 +83,15 @@ def settings_of(policy: str, **chosen: Any) -> PolicySettings:
         raise UnknownNameError("policy to train", policy, names)
     own = _MODULAR.get(reward, {}) if kind == "modular" else _OF_END_TO_END | _END_TO_END.get(reward, {})
     return PolicySettings(**{**own, **chosen})
+
+
+def command_of(policy: str, settings: PolicySettings) -> str | None:
+    """The command line that trains it; None where the settings are others than a command can name.
+
+    Example:
+        >>> command_of("modular-obs", settings_of("modular-obs", seed=3))
+        'autonerf-lab train-policy --policy modular-obs --frames 1000000 --seed 3'
+    """
+    named = settings_of(policy, frames=settings.frames, seed=settings.seed)
+    command = f"autonerf-lab train-policy --policy {policy} --frames {settings.frames} --seed {settings.seed}"
+    return command if settings == named else None

@@ -30,7 +30,7 @@ from autonerf_lab.policies.weights import save_weights
 from autonerf_lab.rewards import LearnedReward, Reward, make_reward
 from autonerf_lab.storage import read_arrays, write_arrays
 from autonerf_lab.training.ppo import make_ppo, network_of, numbers, restore
-from autonerf_lab.training.settings import PolicySettings, settings_of
+from autonerf_lab.training.settings import PolicySettings, command_of, settings_of
 from autonerf_lab.training.symmetry import Symmetry
 from autonerf_lab.training.workers import WorkerPool
 
@@ -247,6 +247,8 @@ def train_policy(
         network_of(ppo),
         {
             "policy": name,
+            "command": command_of(name, settings) if reward is None else None,
+            "seed": settings.seed,
             "network": settings.network,
             "frames": run.frames,
             "hours": round((run.seconds + time.perf_counter() - started) / 3600, 3),
