@@ -57,7 +57,7 @@ def test_a_single_closed_room_is_walked_to_the_end(name):
 
 
 def test_unknown_names_list_the_valid_ones():
-    with pytest.raises(UnknownNameError, match="valid names: frontier, modular-obs, .*random, random-waypoints"):
+    with pytest.raises(UnknownNameError, match=r"valid names: frontier, modular-obs, .*random, random-waypoints"):
         make_policy("best")
 
 

@@ -7,11 +7,12 @@ import numpy as np
 from autonerf_lab.envs.base import MappingEnv, Seen
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.planning import LocalPolicy
-from autonerf_lab.policies.views import FOLLOW_STEPS, WINDOW_METRES, PaperView, View
+from autonerf_lab.policies.views import WINDOW_METRES, PaperView, View
 
 
 class WaypointEnv(MappingEnv[Any]):
-    """Choose where to go; fast marching leads the robot there for 25 steps, and their rewards are added up.
+    """Choose where to go; fast marching leads the robot there for as many steps as the view says, in the paper 25, and
+    their rewards are added up.
 
     Observations and actions are those of a view: the paper's stacked maps and a point in the window without one.
     ``info`` holds ``explored_m2``, ``collisions`` on the way, ``path_m``, ``waypoint`` (its world x, y) and the name of
@@ -38,10 +39,10 @@ class WaypointEnv(MappingEnv[Any]):
         return self._view.see(self.map), self._info() | {"collisions": 0, "waypoint": np.array([x, y])}
 
     def step(self, action: Any) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        """Follow one waypoint, for 25 steps or to the end of the episode."""
+        """Follow one waypoint, for as long as the view says or to the end of the episode."""
         waypoint = self._view.waypoint(action, self.map)
         reward, collisions = 0.0, 0
-        for _ in range(FOLLOW_STEPS):
+        for _ in range(self._view.follow):
             reward += self._advance(int(self._local.act(self.map, waypoint)))
             assert self._observation is not None
             collisions += self._observation.collided

@@ -5,12 +5,12 @@ import torch
 
 from autonerf_lab.planning.local import LocalPolicy
 from autonerf_lab.policies.networks import draw
-from autonerf_lab.policies.views import FOLLOW_STEPS, View
+from autonerf_lab.policies.views import View
 from autonerf_lab.types import MapState, Observation
 
 
 class Modular:
-    """A waypoint every 25 steps, drawn from what the global policy says.
+    """A waypoint every few steps, in the paper 25, drawn from what the global policy says.
 
     Args:
         view: what the network sees.
@@ -43,7 +43,7 @@ class Modular:
 
     def act(self, map: MapState, observation: Observation) -> int:
         """Towards the waypoint."""
-        if self.waypoint is None or self._age >= FOLLOW_STEPS:
+        if self.waypoint is None or self._age >= self.view.follow:
             self.waypoint = self._choose(map)
             self._age = 0
         self._age += 1

@@ -179,7 +179,7 @@ def make_network(settings: dict[str, Any]) -> tuple[Any, nn.Module]:
     """
     options = {name: value for name, value in settings.items() if name != "kind"}
     if settings["kind"] == "compact":
-        return CompactView(), CompactNetwork(**options)
+        return CompactView(**options), CompactNetwork()
     if settings["kind"] == "egocentric":
         return EgocentricView(), EgocentricNetwork(**options)
     view = PaperView(**options)

@@ -20,7 +20,7 @@ from autonerf_lab.policies.gain import outlook
 from autonerf_lab.types import MapState
 
 HEADINGS = 72
-FOLLOW_STEPS = 25  # actions of the local policy a waypoint
+FOLLOW_STEPS = 25  # actions of the local policy a waypoint, in the paper
 WINDOW_METRES = 12.0  # side of the part of the map around the robot
 MAP_WINDOWS = 3  # side of the whole map, in windows: no apartment is longer than half of it
 
@@ -29,6 +29,7 @@ class View(Protocol):
     """Observations and actions of a global policy."""
 
     cell: float  # metres, of the maps it is trained on; finer ones are pooled
+    follow: int  # actions of the local policy until the next waypoint
     observation_space: spaces.Dict
     action_space: spaces.Space[Any]
 
@@ -55,6 +56,7 @@ class PaperView:
 
     def __init__(self, window: int = 240, viewpoints: bool = False) -> None:
         self.window, self._viewpoints = window, viewpoints
+        self.follow = FOLLOW_STEPS
         self.cell = WINDOW_METRES / window
         self.channels = 8 + NUM_CLASSES + 2 * VIEWPOINT_BINS * viewpoints
         self.action_space: spaces.Space[Any] = spaces.Box(-1, 1, (2,), np.float32)
@@ -96,6 +98,9 @@ class CompactView:
 
     Action: the block, row times 32 plus column.
 
+    Args:
+        follow: actions of the local policy until the next waypoint.
+
     Example:
         >>> from autonerf_lab.geometry import planar_pose
         >>> from autonerf_lab.mapping import empty_map
@@ -116,7 +121,8 @@ class CompactView:
     BEYOND = 15  # cells into the unknown
     NEAR = 0.5  # metres between places that are tried together
 
-    def __init__(self) -> None:
+    def __init__(self, follow: int = FOLLOW_STEPS) -> None:
+        self.follow = follow
         self.reset()
         self.action_space: spaces.Space[Any] = spaces.Discrete(self.GRID**2)
         self.observation_space = spaces.Dict(

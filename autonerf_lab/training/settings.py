@@ -37,7 +37,7 @@ NETWORKS = ("compact", "paper")
 
 @dataclass(frozen=True)
 class PolicySettings:
-    """A run of PPO. A decision is a waypoint, of 25 actions of the robot, or an action."""
+    """A run of PPO. A decision is a waypoint or an action."""
 
     frames: int = 1_000_000  # actions of the robots
     seed: int = 0
@@ -60,7 +60,7 @@ class PolicySettings:
     @property
     def actions(self) -> int:
         """Of the robot, a decision."""
-        return 1 if self.network["kind"] == "egocentric" else FOLLOW_STEPS
+        return 1 if self.network["kind"] == "egocentric" else int(self.network.get("follow", FOLLOW_STEPS))
 
 
 def settings_of(policy: str, **chosen: Any) -> PolicySettings:
