@@ -1,5 +1,8 @@
 """The exercises of the course: every solution is right, every typical mistake gets its own hint, and nothing raises."""
 
+from pathlib import Path
+
+import nbformat
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from autonerf_lab import course
 from autonerf_lab.course.exercise import OPEN, RIGHT, WRONG, Case, Exercise, Mistake
 from autonerf_lab.errors import UnknownNameError
 
+NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 EXERCISES = list(course.EXERCISES.values())
 EVIL = "<img src=x onerror=alert(1)>"
 DOUBLE = Exercise(
@@ -46,8 +50,16 @@ def test_whatever_is_handed_over_gets_an_answer(exercise):
     assert exercise.check(lambda *args: EVIL).status == exercise.check(lambda *args: object()).status == WRONG
 
 
-def test_names_begin_with_the_notebook():
-    assert all(name.split("-")[0].isdigit() for name in course.EXERCISES)
+@pytest.mark.parametrize("name", course.EXERCISES)
+def test_every_exercise_is_asked_in_the_notebook_that_its_name_begins_with(name):
+    (notebook,) = NOTEBOOKS.glob(f"{name.split('-')[0]}_*.ipynb")
+    cells = [cell.source for cell in nbformat.read(notebook, as_version=4).cells]
+    assert any(f"**Exercise `{name}`.**" in cell for cell in cells)
+    assert any(f'course.check("{name}", ' in cell for cell in cells)
+    assert f'course.solution("{name}")' in cells
+
+
+def test_a_name_that_does_not_exist():
     with pytest.raises(UnknownNameError, match=r"unknown exercise '01-nothing'; valid names: .*01-heading"):
         course.check("01-nothing", None)
 

@@ -40,8 +40,7 @@ def mixer() -> Mixer:
     return Mixer({"a": values, "b": {name: value[::-1] for name, value in values.items()}})
 
 
-def test_a_drive_is_that_of_the_environment(drive):
-    """The map of the same steps, made by `explore`, has grown by what was paid."""
+def test_buttons_drive(drive):
     start = shown(drive)
     for name in ("turn left", "turn left", "forward", "turn right"):
         before = drive.picture
@@ -55,6 +54,8 @@ def test_a_drive_is_that_of_the_environment(drive):
 
 
 def test_what_a_drive_pays():
+    """The map of the same steps, made by `explore`, has grown by that much."""
+
     class Left:
         waypoint = None
 
