@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from autonerf_lab.dataset import Dataset
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.evaluators.ceiling import TrueField
 from autonerf_lab.evaluators.field import Field
+from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.maps import free_scores, occupancy_scores, predict_states
 from autonerf_lab.evaluators.mesh import extract_mesh
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh
@@ -89,8 +91,10 @@ METRICS: dict[str, dict[str, str]] = {  # task -> metric -> unit
 class _Run:
     """What the tasks of one evaluation share."""
 
-    def __init__(self, field: Field, scene: "Scene", preset: Preset, seed: int, tick: Callable[[], Any]) -> None:
-        self.field, self.scene, self.preset, self.seed, self.tick = field, scene, preset, seed, tick
+    def __init__(
+        self, field: Field, scene: "Scene", preset: Preset, seed: int, tick: Callable[[], Any], lpips: Lpips | None
+    ) -> None:
+        self.field, self.scene, self.preset, self.seed, self.tick, self.lpips = field, scene, preset, seed, tick, lpips
 
     @cached_property
     def sim(self) -> "Simulator":
@@ -113,7 +117,7 @@ class _Run:
 
     def rendering(self) -> TaskResult:
         poses = sample_test_poses(self.sim, self.preset.test_poses, self.seed)
-        return evaluate_rendering(self.field, simulated_views(self.sim, poses), self.tick)
+        return evaluate_rendering(self.field, simulated_views(self.sim, poses), self.tick, self.lpips)
 
     def maps(self) -> TaskResult:
         values = free_scores(self.states, self.truth) | occupancy_scores(self.states, self.truth)
@@ -158,13 +162,14 @@ def evaluate(
     tasks: Iterable[str] | None = None,
     progress: bool = True,
     trajectory: "Trajectory | Dataset | None" = None,
+    lpips_weights: "str | Path | Lpips | None" = None,
 ) -> Scores:
     """Score a field in its scene, or on photographs that were held out.
 
     Args:
         nerf: a trained NeRF, or anything that answers the methods of :class:`~autonerf_lab.evaluators.Field`.
         scene: the truth; the one the field was trained in. Or the held-out half of :meth:`Dataset.split`: the task is
-            ``held_out`` then, the only one, with PSNR, SSIM and FLIP, and where there are labels, the accuracy and the
+            ``held_out`` then, the only one, with PSNR, SSIM, LPIPS and FLIP, and where there are labels, accuracy and
             IoU of the classes, means over the photographs; ``preset`` and ``seed`` do not matter.
         preset: sizes of the tasks.
         seed: of test poses, planning episodes, random pixels and mesh samples.
@@ -172,6 +177,8 @@ def evaluate(
         progress: show a bar.
         trajectory: what the field was trained on. When given, ``scores.yardsticks["nearest_view"]`` says what showing
             its nearest image instead of a rendering would score.
+        lpips_weights: the file of :mod:`autonerf_lab.evaluators.lpips`, or an ``Lpips`` that has read (and checked)
+            it; ``scores.weights["lpips"]`` keeps its SHA-256. Without, LPIPS has no value (of photographs: no row).
 
     Returns:
         One row a metric, in the order of the protocol. A value that cannot be computed is None and its ``status`` says
@@ -180,17 +187,19 @@ def evaluate(
 
     Raises:
         UnknownNameError: a task or preset that does not exist.
-        DataError: the field shows another scene; tasks that need the truth, where there are only photographs.
+        DataError: the field shows another scene; tasks that need the truth, where there are only photographs; the
+            file of ``lpips_weights`` is missing or not as it should be.
 
     Example::
 
         train, held_out = lab.load_dataset("photographs").split()
         print(lab.evaluate(lab.fit(train), held_out, trajectory=train).table())
     """
+    lpips = Lpips(lpips_weights) if isinstance(lpips_weights, str | Path) else lpips_weights
     if isinstance(scene, Dataset):
         if tasks is not None:
             raise DataError("photographs hold no truth for tasks: leave tasks out, or give the scene")
-        return _held_out(nerf, scene, progress, trajectory)
+        return _held_out(nerf, scene, progress, trajectory, lpips)
     size = get_preset(preset)
     names = list(METRICS) if tasks is None else list(tasks)
     for name in names:
@@ -199,8 +208,9 @@ def evaluate(
     _check_scene(nerf, scene)
     steps = {"rendering": size.test_poses, "pose_refinement": size.refine_iterations}
     scores = Scores()
+    scores.weights = _weights(lpips)
     with tqdm(total=sum(steps.get(name, 1) for name in names), disable=not progress, leave=False) as bar:
-        run = _Run(nerf, scene, size, seed, bar.update)
+        run = _Run(nerf, scene, size, seed, bar.update, lpips)
         for name in names:
             bar.set_description(name.replace("_", " "))
             scores.extend(_run_task(run, name, scores.artifacts))
@@ -208,19 +218,25 @@ def evaluate(
                 bar.update()
     if trajectory is not None and "rendering" in names:
         nearest: Any = NearestView(trajectory)  # it renders, and this task asks nothing else
-        scores.yardsticks["nearest_view"] = evaluate(nearest, scene, size, seed, ["rendering"], False)
+        scores.yardsticks["nearest_view"] = evaluate(
+            nearest, scene, size, seed, ["rendering"], False, lpips_weights=lpips
+        )
     return scores
 
 
 def ceiling(
-    scene: "Scene", preset: str | Preset | None = None, seed: int = 0, tasks: Iterable[str] | None = None
+    scene: "Scene",
+    preset: str | Preset | None = None,
+    seed: int = 0,
+    tasks: Iterable[str] | None = None,
+    lpips_weights: "str | Path | Lpips | None" = None,
 ) -> Scores:
     """What the true geometry scores in the same tasks: no field can be expected to do better."""
     size = get_preset(preset)
     from autonerf_lab.simulator import Simulator
 
     sim = Simulator(scene, Intrinsics.from_fov(size.width, size.height), supersample=size.supersample)
-    return evaluate(TrueField(scene, sim), scene, size, seed, tasks, progress=False)
+    return evaluate(TrueField(scene, sim), scene, size, seed, tasks, False, lpips_weights=lpips_weights)
 
 
 def _run_task(run: _Run, name: str, artifacts: dict[str, Any]) -> list[Score]:
@@ -236,21 +252,29 @@ def _run_task(run: _Run, name: str, artifacts: dict[str, Any]) -> list[Score]:
     return _rows(name, METRICS[name], result, run.field.meta, {"seconds": seconds, **where})
 
 
-def _held_out(nerf: Field, data: Dataset, progress: bool, trained_on: "Trajectory | Dataset | None") -> Scores:
+def _weights(lpips: Lpips | None) -> dict[str, str]:
+    return {"lpips": lpips.sha256} if lpips else {}
+
+
+def _held_out(
+    nerf: Field, data: Dataset, progress: bool, trained_on: "Trajectory | Dataset | None", lpips: Lpips | None
+) -> Scores:
     start = time.perf_counter()
     with tqdm(total=len(data), disable=not progress, leave=False, desc="held out") as bar:
-        result = evaluate_rendering(nerf, photographed_views(data), bar.update)
+        result = evaluate_rendering(nerf, photographed_views(data), bar.update, lpips)
     seconds = time.perf_counter() - start
     classes = () if result.status.get("miou") == "no labels" else ("per_class_accuracy", "miou")
-    units = {name: METRICS["rendering"][name] for name in ("psnr", "ssim", "flip", *classes)}
+    names = ("psnr", "ssim", *(("lpips",) if lpips else ()), "flip", *classes)
+    units = {name: METRICS["rendering"][name] for name in names}
     where = {key: nerf.meta.get(key) or default for key, default in (("scene", ""), ("preset", ""), ("seed", 0))}
     scores = Scores(
         _rows("held_out", units, result, nerf.meta, {"seconds": seconds, **where}),
         {"held_out": {**result.artifact, "names": data.names}},
     )
+    scores.weights = _weights(lpips)
     if trained_on is not None:
         nearest: Any = NearestView(trained_on)
-        scores.yardsticks["nearest_view"] = _held_out(nearest, data, False, None)
+        scores.yardsticks["nearest_view"] = _held_out(nearest, data, False, None, lpips)
     return scores
 
 
