@@ -166,13 +166,16 @@ class Evaluate:
 
     folder: Run
     overwrite: Overwrite = False
+    upstream: Annotated[bool, arg(help="Beside it, the scores as the paper's released code defines them.")] = False
     lpips: LpipsFile = LpipsFile()
 
     def run(self) -> None:
         """Run the stage and print the table."""
         from autonerf_lab import pipeline
 
-        pipeline.resume(self.folder, "evaluate", overwrite=self.overwrite, lpips=self.lpips.load())
+        pipeline.resume(
+            self.folder, "evaluate", overwrite=self.overwrite, lpips=self.lpips.load(), upstream=self.upstream
+        )
         print(f"\n{pipeline.summary(self.folder)}\n\nscores: {self.folder / 'scores.json'}")
 
 

@@ -30,8 +30,10 @@ SCANS = (".glb", ".obj", ".ply")
 class Workspace:
     """A run folder and what its stages share; everything is read from the folder when somebody first asks."""
 
-    def __init__(self, run: RunFolder, scene: "Scene | None" = None, lpips: "Lpips | None" = None) -> None:
-        self.run, self.lpips = run, lpips
+    def __init__(
+        self, run: RunFolder, scene: "Scene | None" = None, lpips: "Lpips | None" = None, upstream: bool = False
+    ) -> None:
+        self.run, self.lpips, self.upstream = run, lpips, upstream
         if scene is not None:
             self.scene = scene
 
@@ -153,7 +155,12 @@ def begin(
 
 
 def resume(
-    out: str | Path, stage: str, model: str | None = None, overwrite: bool = False, lpips: "Lpips | None" = None
+    out: str | Path,
+    stage: str,
+    model: str | None = None,
+    overwrite: bool = False,
+    lpips: "Lpips | None" = None,
+    upstream: bool = False,
 ) -> None:
     """Run one stage in a folder that has come as far.
 
@@ -164,7 +171,7 @@ def resume(
     with locked(Path(load_run(out).path)):
         run = load_run(out)
         run.require(BEFORE[stage])
-        work = Workspace(run, lpips=lpips)
+        work = Workspace(run, lpips=lpips, upstream=upstream)
         if stage == "report":
             # holds nothing of its own: made again without a question, and the old one stays until the new one is there
             run.stages.pop(stage, None)
@@ -284,7 +291,7 @@ def _fit(work: Workspace) -> None:
 
 
 def _evaluate(work: Workspace) -> None:
-    from autonerf_lab.evaluators import ceiling, evaluate
+    from autonerf_lab.evaluators import ceiling, evaluate, upstream_scores
     from autonerf_lab.viz.run_pictures import draw_scores
 
     config, scene = work.run.config, work.scene
@@ -294,6 +301,9 @@ def _evaluate(work: Workspace) -> None:
         rows.save(work.run / f"yardsticks/{name}.json")
     print("the same tasks for the true geometry", flush=True)
     ceiling(scene, work.preset, config.seed, lpips_weights=lpips).save(work.run / "yardsticks/ceiling.json")
+    if work.upstream:
+        print("the same field by the definitions of the released code", flush=True)
+        upstream_scores(work.nerf, scene, work.preset, config.seed).save(work.run / "yardsticks/upstream.json")
     draw_scores(work.run / "figures", work.nerf, scene, scores.artifacts)
     scores.save(work.run / "scores.json")
     if lpips is not None:

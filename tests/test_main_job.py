@@ -57,6 +57,16 @@ def test_every_task_was_scored_beside_both_yardsticks(finished):
     assert by_name["free_precision"] == by_name["free_recall"] == 100
 
 
+def test_other_definitions_stand_beside_on_request(run):
+    result = command("evaluate", run, "--overwrite", "--upstream")
+    assert result.returncode == 0, result.stderr
+    header = next(line for line in result.stdout.splitlines() if line.startswith("task"))
+    assert [name.strip() for name in header.split("|")][-3:] == ["ceiling", "nearest_view", "upstream"]
+    rows = json.loads((run / "yardsticks/upstream.json").read_text())["scores"]
+    assert {row["task"] for row in rows} == {"maps", "planning", "pose_refinement", "mesh"}
+    assert not [row for row in rows if row["status"].startswith("failed")]
+
+
 def test_report_shows_every_section(finished):
     text = (finished[0] / "report.html").read_text()
     for section in ("walk", "rendering", "geometry", "maps", "planning", "pose_refinement", "mesh", "scores", "cost"):
