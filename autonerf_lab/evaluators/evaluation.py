@@ -21,11 +21,12 @@ from autonerf_lab.evaluators.nearest_view import NearestView
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.tasks import METRICS, Run, rows_of, run_task
+from autonerf_lab.evaluators.tsdf import fused_scores
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from autonerf_lab.scenes.scene import Scene
-    from autonerf_lab.trajectory import Trajectory
 
 
 def _check_scene(field: Field, scene: "Scene") -> None:
@@ -43,7 +44,7 @@ def evaluate(
     seed: int = 0,
     tasks: Iterable[str] | None = None,
     progress: bool = True,
-    trajectory: "Trajectory | Dataset | None" = None,
+    trajectory: Trajectory | Dataset | None = None,
     lpips_weights: "str | Path | Lpips | None" = None,
 ) -> Scores:
     """Score a field in its scene, or on photographs that were held out.
@@ -58,7 +59,8 @@ def evaluate(
         tasks: names out of ``METRICS``; all without.
         progress: show a bar.
         trajectory: what the field was trained on. When given, ``scores.yardsticks["nearest_view"]`` says what showing
-            its nearest image instead of a rendering would score.
+            its nearest image instead of a rendering would score, and ``["tsdf"]`` what its depth, fused, scores as a
+            mesh (with the extra ``open3d``).
         lpips_weights: the file of :mod:`autonerf_lab.evaluators.lpips`, or an ``Lpips`` that has read (and checked)
             it; ``scores.weights["lpips"]`` keeps its SHA-256. Without, LPIPS has no value (of photographs: no row).
 
@@ -89,6 +91,8 @@ def evaluate(
         scores.yardsticks["nearest_view"] = evaluate(
             nearest, scene, size, seed, ["rendering"], False, lpips_weights=lpips
         )
+    if isinstance(trajectory, Trajectory) and trajectory.depth is not None and (tasks is None or "mesh" in tasks):
+        scores.yardsticks["tsdf"] = fused_scores(nerf, scene, size, seed, trajectory)
     return scores
 
 
@@ -162,7 +166,7 @@ def _weights(lpips: Lpips | None) -> dict[str, str]:
 
 
 def _held_out(
-    nerf: Field, data: Dataset, progress: bool, trained_on: "Trajectory | Dataset | None", lpips: Lpips | None
+    nerf: Field, data: Dataset, progress: bool, trained_on: Trajectory | Dataset | None, lpips: Lpips | None
 ) -> Scores:
     start = time.perf_counter()
     with tqdm(total=len(data), disable=not progress, leave=False, desc="held out") as bar:

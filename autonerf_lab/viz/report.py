@@ -20,7 +20,7 @@ from autonerf_lab.run_folder import STAGES, RunFolder
 from autonerf_lab.types import Score
 from autonerf_lab.viz.gallery import Picture, read_gallery
 
-YARDSTICKS = ("nearest_view", "ceiling")
+YARDSTICKS = ("nearest_view", "tsdf", "ceiling")
 _NO_VALUE = "–"
 
 
