@@ -56,7 +56,7 @@ def evaluate(
             IoU of the classes, means over the photographs; ``preset`` and ``seed`` do not matter.
         preset: sizes of the tasks.
         seed: of test poses, planning episodes, random pixels and mesh samples.
-        tasks: names out of ``METRICS``; all without.
+        tasks: names out of ``METRICS``, all without; and ``navigation``, which takes minutes and is asked for by name.
         progress: show a bar.
         trajectory: what the field was trained on. When given, ``scores.yardsticks["nearest_view"]`` says what showing
             its nearest image instead of a rendering would score, and ``["tsdf"]`` what its depth, fused, scores as a
@@ -143,7 +143,7 @@ def _score(
     progress: bool,
     lpips: Lpips | None = None,
 ) -> Scores:
-    names = list(kind.metrics) if tasks is None else list(tasks)
+    names = [name for name in METRICS if name in kind.metrics] if tasks is None else list(tasks)
     for name in names:
         if name not in kind.metrics:
             raise UnknownNameError("task", name, kind.metrics)

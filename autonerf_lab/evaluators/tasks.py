@@ -16,6 +16,7 @@ from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.maps import free_scores, occupancy_scores, predict_states
 from autonerf_lab.evaluators.mesh import extract_mesh
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh
+from autonerf_lab.evaluators.navigation import evaluate_navigation
 from autonerf_lab.evaluators.planning import evaluate_planning, scene_tasks
 from autonerf_lab.evaluators.pose_refinement import Refinement, evaluate_pose_refinement
 from autonerf_lab.evaluators.rendering import evaluate_rendering, sample_test_poses, simulated_views
@@ -26,6 +27,8 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.types import Score
 
 if TYPE_CHECKING:
+    import trimesh
+
     from autonerf_lab.scenes.scene import Scene
     from autonerf_lab.simulator import Simulator
 
@@ -71,11 +74,15 @@ METRICS: dict[str, dict[str, str]] = {  # task -> metric -> unit
     },
 }
 
+OPTIONAL: dict[str, dict[str, str]] = {  # tasks that take long: only by name
+    "navigation": {"success": "%", "spl": "%", "success_true_mesh": "%", "spl_true_mesh": "%"},
+}
+
 
 class Run:
     """What the tasks of one evaluation share: a method each."""
 
-    metrics: ClassVar = METRICS
+    metrics: ClassVar = METRICS | OPTIONAL
 
     def __init__(
         self, field: Field, scene: "Scene", preset: Preset, seed: int, tick: Callable[[], Any], lpips: Lpips | None
@@ -100,6 +107,11 @@ class Run:
     @cached_property
     def labels(self) -> np.ndarray:
         return semantic_columns(*point_cloud(self.field), self.truth.grid)
+
+    @cached_property
+    def surface(self) -> "trimesh.Trimesh":
+        field = self.field
+        return field.mesh() if isinstance(field, TrueField) else extract_mesh(field, self.preset.mesh_voxel)
 
     def rendering(self) -> TaskResult:
         poses = sample_test_poses(self.sim, self.preset.test_poses, self.seed)
@@ -127,9 +139,10 @@ class Run:
         return evaluate_pose_refinement(self.field, poses, targets, self.sim.intrinsics, settings, self.seed, self.tick)
 
     def mesh(self) -> TaskResult:
-        field = self.field
-        mesh = field.mesh() if isinstance(field, TrueField) else extract_mesh(field, self.preset.mesh_voxel)
-        return evaluate_mesh(mesh, field, self.scene, self.seed)
+        return evaluate_mesh(self.surface, self.field, self.scene, self.seed)
+
+    def navigation(self) -> TaskResult:
+        return evaluate_navigation(self.surface, self.scene, self.preset.planning_starts, self.seed)
 
 
 def run_task(run: Run, name: str, artifacts: dict[str, Any]) -> list[Score]:
@@ -138,7 +151,7 @@ def run_task(run: Run, name: str, artifacts: dict[str, Any]) -> list[Score]:
         result: TaskResult = getattr(run, name)()
     except Exception as error:  # a grid of runs must survive one odd field: the row carries the reason
         text = f"failed: {type(error).__name__}: {error}"
-        result = TaskResult(dict.fromkeys(METRICS[name]), {}, dict.fromkeys(METRICS[name], text))
+        result = TaskResult(dict.fromkeys(run.metrics[name]), {}, dict.fromkeys(run.metrics[name], text))
     seconds = time.perf_counter() - start
     artifacts[name] = result.artifact
     where = {"scene": run.scene.name, "preset": run.preset.name, "seed": run.seed}

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from autonerf_lab.scenes.scene import Scene
 
+VIEWS = 500  # at most, evenly spread over the walk
 TRUNCATION = 4.0  # voxels
 MIN_VIEWS = 3.0  # that have seen a voxel
 _STRIDE = 4  # pixels between those that Open3D looks for voxels along
@@ -65,7 +66,8 @@ def fuse(walk: Trajectory, voxel: float, min_triangles: int = MIN_TRIANGLES) -> 
         ("tsdf", "weight"), (o3d.core.float32, o3d.core.float32), ((1,), (1,)), voxel, block_count=1000
     )
     looked = False
-    for c2w, depth in zip(walk.poses, walk.depth, strict=True):
+    for t in np.unique(np.linspace(0, len(walk) - 1, VIEWS).round().astype(int)):
+        c2w, depth = walk.poses[t], walk.depth[t]
         near = depth[::_STRIDE, ::_STRIDE]
         if not ((near > 0) & (near < FAR)).any():
             continue  # Open3D fails on an image that shows nothing
