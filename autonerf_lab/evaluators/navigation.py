@@ -10,7 +10,8 @@ policy's fast marching by forward steps and turns. It stops within 0.36 m of the
 * ``stuck``: half of its last 50 steps were collisions;
 * ``out of steps``: neither.
 
-SPL weights a success by the shortest way in the place that is walked in.
+SPL weights a success by the shortest way in the place that is walked in. Where the robot does not fit in the
+reconstruction no episode begins: a mesh with little ground has easy ones, so look at the ground too (``ground.area``).
 """
 
 import tempfile

@@ -37,7 +37,8 @@ def walked_paths(artifact: dict[str, Any], count: int = 40) -> Figure:
             ax.plot(*walk.path.T, color=color, linewidth=1.1, alpha=0.9)
             ax.plot(*walk.path[0], "o", color=color, markersize=3)
             ax.plot(*walk.goal, "*", color=color, markersize=6)
-        ax.set_title(f"In {title}: {len(won)} of {len(walks)} episodes arrive", fontsize=10)
+        text = f"In {title}: {len(won)} of {len(walks)} episodes arrive; {ground.area:.0f} m² (white) to stand on"
+        ax.set_title(text, fontsize=10)
         ax.set_aspect("equal")
         ax.set_xlabel("x (m)", fontsize=8)
         ax.set_ylabel("y (m)", fontsize=8)
