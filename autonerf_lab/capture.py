@@ -18,6 +18,7 @@ from autonerf_lab.run_folder import locked
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators import Scores
+    from autonerf_lab.evaluators.lpips import Lpips
 
 MADE = ("scores.json", "yardsticks/nearest_view.json", "nerf/nerf.json", "nerf/nerf.safetensors", "nerf/training.*")
 
@@ -38,6 +39,7 @@ def fit_capture(
     seed: int = 0,
     *,
     overwrite: bool = False,
+    lpips: "Lpips | None" = None,
 ) -> "Scores":
     """Train a field on all photographs but those held out, keep it, and score it on the others.
 
@@ -50,6 +52,7 @@ def fit_capture(
         preset: decides the hyper-parameters and the number of steps.
         seed: of everything random.
         overwrite: replace the field that is there.
+        lpips: with its weights, to be scored by it too.
 
     Returns:
         PSNR, SSIM and FLIP of the held-out photographs, beside those of the nearest training photograph.
@@ -71,7 +74,7 @@ def fit_capture(
         _make_room(out, overwrite)
         print(f"{len(train)} photographs to train on, {len(held_out)} held out", flush=True)
         nerf = fit(train, model, preset, seed=seed, checkpoint=out / "nerf")
-        scores = evaluate(nerf, held_out, trajectory=train)
+        scores = evaluate(nerf, held_out, trajectory=train, lpips_weights=lpips)
         scores.yardsticks["nearest_view"].save(out / "yardsticks/nearest_view.json")
         scores.save(out / "scores.json")
         nerf.save(out / "nerf")  # last: it says that all is done, and takes the checkpoint away

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from tyro.conf import Positional, arg, subcommand
@@ -16,6 +16,9 @@ from autonerf_lab import plugins
 from autonerf_lab.errors import AutoNerfError, DataError
 from autonerf_lab.policy_commands import TrainPolicy
 from autonerf_lab.scene_commands import Scenes
+
+if TYPE_CHECKING:
+    from autonerf_lab.evaluators.lpips import Lpips
 
 # Heavy imports wait inside the commands: `--help` answers at once.
 
@@ -38,6 +41,26 @@ Overwrite = Annotated[bool, arg(help="Replace what is finished. Only files this 
 
 
 @dataclass(frozen=True)
+class LpipsFile:
+    """The weights of LPIPS, which is left out without."""
+
+    lpips_weights: Annotated[Path | None, arg(metavar="FILE", help="VGG16 and heads, safetensors: see the README.")] = (
+        None
+    )
+    lpips_sha256: Annotated[str | None, arg(metavar="HEX", help="What the file must have; else it is refused.")] = None
+
+    def load(self) -> "Lpips | None":
+        """Read and check the file, before anything else is done."""
+        if self.lpips_weights is None:
+            if self.lpips_sha256 is not None:
+                raise DataError("--lpips-sha256 is about a file: give --lpips-weights too")
+            return None
+        from autonerf_lab.evaluators.lpips import Lpips
+
+        return Lpips(self.lpips_weights, self.lpips_sha256)
+
+
+@dataclass(frozen=True)
 class Demo:
     """The main job: explore an apartment, fit a field to the walk, score it, write the report.
 
@@ -51,12 +74,16 @@ class Demo:
     seed: Seed = 0
     out: Out = Path("runs/demo")
     overwrite: Overwrite = False
+    lpips: LpipsFile = LpipsFile()
 
     def run(self) -> None:
         """Run all stages and say where the report is."""
         from autonerf_lab import pipeline
 
-        pipeline.begin(self.out, self.scene, self.policy, self.preset, self.seed, self.model, overwrite=self.overwrite)
+        pipeline.begin(
+            self.out, self.scene, self.policy, self.preset, self.seed, self.model,
+            overwrite=self.overwrite, lpips=self.lpips.load(),
+        )  # fmt: skip
         print(f"\n{pipeline.summary(self.out)}\n\nreport: {self.out / 'report.html'}")
 
 
@@ -110,6 +137,7 @@ class Fit:
     preset: Annotated[str | None, arg(metavar="NAME", help="For photographs; a run has its own.")] = None
     seed: Annotated[int | None, arg(help="Of the training, for photographs; a run has its own.")] = None
     overwrite: Overwrite = False
+    lpips: LpipsFile = LpipsFile()
 
     def run(self) -> None:
         """Run the stage; print the scores where there are any."""
@@ -120,12 +148,15 @@ class Fit:
                 raise DataError(f"{self.folder}: a run has its preset and its seed; for photographs, give --out too")
             if capture.is_capture(self.folder):
                 raise DataError(f"{self.folder} holds photographs, not a run: --out says where their field goes")
+            if self.lpips != LpipsFile():
+                raise DataError(f"{self.folder}: a run is scored by `autonerf-lab evaluate`: give it the LPIPS weights")
             pipeline.resume(self.folder, "fit", self.model, self.overwrite)
             print(f"field: {self.folder / 'nerf'}")
             return
         scores = capture.fit_capture(
-            self.folder, self.out, self.model, self.preset, self.seed or 0, overwrite=self.overwrite
-        )
+            self.folder, self.out, self.model, self.preset, self.seed or 0,
+            overwrite=self.overwrite, lpips=self.lpips.load(),
+        )  # fmt: skip
         print(f"\n{scores.table()}\n\nfield: {self.out / 'nerf'}")
 
 
@@ -135,12 +166,16 @@ class Evaluate:
 
     folder: Run
     overwrite: Overwrite = False
+    upstream: Annotated[bool, arg(help="Beside it, the scores as the paper's released code defines them.")] = False
+    lpips: LpipsFile = LpipsFile()
 
     def run(self) -> None:
         """Run the stage and print the table."""
         from autonerf_lab import pipeline
 
-        pipeline.resume(self.folder, "evaluate", overwrite=self.overwrite)
+        pipeline.resume(
+            self.folder, "evaluate", overwrite=self.overwrite, lpips=self.lpips.load(), upstream=self.upstream
+        )
         print(f"\n{pipeline.summary(self.folder)}\n\nscores: {self.folder / 'scores.json'}")
 
 

@@ -17,6 +17,7 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.run_folder import STAGES, RunConfig, RunFolder, load_run, locked, open_run
 
 if TYPE_CHECKING:
+    from autonerf_lab.evaluators.lpips import Lpips
     from autonerf_lab.nerf import NeRF
     from autonerf_lab.scenes import Scene
     from autonerf_lab.trajectory import Trajectory
@@ -29,8 +30,10 @@ SCANS = (".glb", ".obj", ".ply")
 class Workspace:
     """A run folder and what its stages share; everything is read from the folder when somebody first asks."""
 
-    def __init__(self, run: RunFolder, scene: "Scene | None" = None) -> None:
-        self.run = run
+    def __init__(
+        self, run: RunFolder, scene: "Scene | None" = None, lpips: "Lpips | None" = None, upstream: bool = False
+    ) -> None:
+        self.run, self.lpips, self.upstream = run, lpips, upstream
         if scene is not None:
             self.scene = scene
 
@@ -130,6 +133,7 @@ def begin(
     model: str | None = None,
     last: str = "report",
     overwrite: bool = False,
+    lpips: "Lpips | None" = None,
 ) -> None:
     """Run the stages up to ``last`` in the folder ``out``; go on there if the same run was interrupted.
 
@@ -147,10 +151,17 @@ def begin(
         run = open_run(out, config, last, overwrite)
         if model is not None and run.config.model is None:
             run.choose_model(model)
-        run_stages(Workspace(run, apartment), STAGES[: STAGES.index(last) + 1], spent)
+        run_stages(Workspace(run, apartment, lpips), STAGES[: STAGES.index(last) + 1], spent)
 
 
-def resume(out: str | Path, stage: str, model: str | None = None, overwrite: bool = False) -> None:
+def resume(
+    out: str | Path,
+    stage: str,
+    model: str | None = None,
+    overwrite: bool = False,
+    lpips: "Lpips | None" = None,
+    upstream: bool = False,
+) -> None:
     """Run one stage in a folder that has come as far.
 
     Raises:
@@ -160,7 +171,7 @@ def resume(out: str | Path, stage: str, model: str | None = None, overwrite: boo
     with locked(Path(load_run(out).path)):
         run = load_run(out)
         run.require(BEFORE[stage])
-        work = Workspace(run)
+        work = Workspace(run, lpips=lpips, upstream=upstream)
         if stage == "report":
             # holds nothing of its own: made again without a question, and the old one stays until the new one is there
             run.stages.pop(stage, None)
@@ -280,17 +291,23 @@ def _fit(work: Workspace) -> None:
 
 
 def _evaluate(work: Workspace) -> None:
-    from autonerf_lab.evaluators import ceiling, evaluate
+    from autonerf_lab.evaluators import ceiling, evaluate, upstream_scores
     from autonerf_lab.viz.run_pictures import draw_scores
 
     config, scene = work.run.config, work.scene
-    scores = evaluate(work.nerf, scene, work.preset, config.seed, trajectory=work.trajectory)
+    lpips = work.lpips
+    scores = evaluate(work.nerf, scene, work.preset, config.seed, trajectory=work.trajectory, lpips_weights=lpips)
     for name, rows in scores.yardsticks.items():
         rows.save(work.run / f"yardsticks/{name}.json")
     print("the same tasks for the true geometry", flush=True)
-    ceiling(scene, work.preset, config.seed).save(work.run / "yardsticks/ceiling.json")
+    ceiling(scene, work.preset, config.seed, lpips_weights=lpips).save(work.run / "yardsticks/ceiling.json")
+    if work.upstream:
+        print("the same field by the definitions of the released code", flush=True)
+        upstream_scores(work.nerf, scene, work.preset, config.seed).save(work.run / "yardsticks/upstream.json")
     draw_scores(work.run / "figures", work.nerf, scene, scores.artifacts)
     scores.save(work.run / "scores.json")
+    if lpips is not None:
+        print(f"LPIPS with the weights of SHA-256 {lpips.sha256}", flush=True)
 
 
 def _mesh(work: Workspace) -> None:

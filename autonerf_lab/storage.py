@@ -107,5 +107,5 @@ def read_arrays(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]
         return load(data), json.loads(metadata.get("header", "{}"))
     except FileNotFoundError as error:
         raise DataError(f"{path} does not exist") from error
-    except (OSError, SafetensorError, ValueError, AttributeError) as error:
+    except (OSError, SafetensorError, ValueError, AttributeError, KeyError) as error:
         raise DataError(f"{path} is damaged, not a readable safetensors file: {error}") from error

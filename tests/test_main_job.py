@@ -46,15 +46,25 @@ def test_every_stage_left_what_it_makes(finished):
     assert not list(folder.rglob(".*")), "no temporary file is left"
 
 
-def test_every_task_was_scored_beside_both_yardsticks(finished):
+def test_every_task_was_scored_beside_the_yardsticks(finished):
     folder, _ = finished
     rows = json.loads((folder / "scores.json").read_text())["scores"]
     assert {row["task"] for row in rows} == {"rendering", "maps", "planning", "pose_refinement", "mesh"}
     assert not [row for row in rows if row["status"].startswith("failed")]
-    assert {path.stem for path in (folder / "yardsticks").iterdir()} == {"nearest_view", "ceiling"}
+    assert {path.stem for path in (folder / "yardsticks").iterdir()} == {"nearest_view", "tsdf", "ceiling"}
     ceiling = json.loads((folder / "yardsticks/ceiling.json").read_text())["scores"]
     by_name = {row["metric"]: row["value"] for row in ceiling}
     assert by_name["free_precision"] == by_name["free_recall"] == 100
+
+
+def test_other_definitions_stand_beside_on_request(run):
+    result = command("evaluate", run, "--overwrite", "--upstream")
+    assert result.returncode == 0, result.stderr
+    header = next(line for line in result.stdout.splitlines() if line.startswith("task"))
+    assert [name.strip() for name in header.split("|")][-4:] == ["ceiling", "nearest_view", "tsdf", "upstream"]
+    rows = json.loads((run / "yardsticks/upstream.json").read_text())["scores"]
+    assert {row["task"] for row in rows} == {"maps", "planning", "pose_refinement", "mesh"}
+    assert not [row for row in rows if row["status"].startswith("failed")]
 
 
 def test_report_shows_every_section(finished):

@@ -93,7 +93,7 @@ def test_animation_has_a_still_for_paper(run):
 
 def test_scores_stand_beside_the_paper_and_the_yardsticks(run):
     text = re.sub(r"\s+", " ", render(run))
-    assert "22.50</td> <td>25.56</td><td>19.75</td><td>14.25</td><td>60.00</td>" in text
+    assert "22.50</td> <td>25.56</td><td>19.75</td><td>14.25</td><td>–</td><td>60.00</td>" in text
     assert "weights missing</td>" in text
     assert "8.3</td>" in text  # metres become centimetres
     assert "60 s" in text or ">60<" in text  # five stages of 12 s

@@ -96,7 +96,7 @@ def extract_mesh(
     mesh = trimesh.Trimesh(np.concatenate(vertices), np.concatenate(faces), process=False)
     mesh.merge_vertices(digits_vertex=5)
     mesh.update_faces(mesh.nondegenerate_faces())
-    mesh.update_faces(_large_pieces(mesh.faces, len(mesh.vertices), min_triangles))
+    mesh.update_faces(large_pieces(mesh.faces, len(mesh.vertices), min_triangles))
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces):
         _paint(mesh, field)
@@ -130,7 +130,7 @@ def _slab(
     return low + (vertices + np.array([planes[0], 0, 0])) * voxel, faces
 
 
-def _large_pieces(faces: np.ndarray, count: int, minimum: int) -> np.ndarray:
+def large_pieces(faces: np.ndarray, count: int, minimum: int) -> np.ndarray:
     """(F,) bool: triangles of connected pieces that have at least ``minimum`` of them."""
     edges = np.concatenate([faces[:, :2], faces[:, 1:]])
     graph = sparse.coo_matrix((np.ones(len(edges), dtype=bool), tuple(edges.T)), shape=(count, count))

@@ -27,7 +27,7 @@ import weakref
 from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -314,9 +314,16 @@ def evaluate_planning(
     """
     free = grow(states == CellState.FREE, dilation, truth.grid.cell)
     points, objects = plan_points(free, tasks, truth.grid.cell), plan_objects(free, labels, truth, tasks)
+    result = planning_scores(points, objects)
+    return replace(result, artifact=result.artifact | {"free": free})
+
+
+def planning_scores(points: list[Episode], objects: list[Episode]) -> TaskResult:
+    """The four scores of judged episodes, and why they failed."""
     values: dict[str, float | None] = {}
     n, status = {}, {}
-    for name, episodes in (("pointgoal", points), ("objectgoal", objects)):
+    both = {"pointgoal": points, "objectgoal": objects}
+    for name, episodes in both.items():
         rate = float(100 * np.mean([e.success for e in episodes])) if episodes else None
         values |= {f"{name}_success": rate, f"{name}_spl": spl(episodes)}
         for metric in (f"{name}_success", f"{name}_spl"):
@@ -324,7 +331,6 @@ def evaluate_planning(
             if not episodes:
                 status[metric] = "no goal within reach"
     reasons = {
-        name: dict(sorted(Counter(e.reason or "success" for e in episodes).items()))
-        for name, episodes in (("pointgoal", points), ("objectgoal", objects))
+        name: dict(sorted(Counter(e.reason or "success" for e in episodes).items())) for name, episodes in both.items()
     }
-    return TaskResult(values, n, status, {"points": points, "objects": objects, "reasons": reasons, "free": free})
+    return TaskResult(values, n, status, {"points": points, "objects": objects, "reasons": reasons})

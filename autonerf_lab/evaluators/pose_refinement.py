@@ -14,7 +14,7 @@ Converged: geodesic rotation error under 3 degrees (``rotation_convergence_rate`
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -161,6 +161,14 @@ def refinement_scores(rotation: np.ndarray, translation: np.ndarray) -> dict[str
     }
 
 
+def refinement_result(rotation: np.ndarray, translation: np.ndarray) -> TaskResult:
+    """:func:`refinement_scores` with what they are means of."""
+    values = refinement_scores(rotation, translation)
+    converged = int(np.sum((rotation < CONVERGED_DEG) & (translation < CONVERGED_M)))
+    n = dict.fromkeys(values, len(rotation)) | {"rotation_error_deg": converged, "translation_error_m": converged}
+    return TaskResult(values, n, {name: "none converged" for name, value in values.items() if value is None})
+
+
 def evaluate_pose_refinement(
     field: Field,
     truth: np.ndarray,
@@ -175,10 +183,6 @@ def evaluate_pose_refinement(
     starts = np.stack([perturb(c2w, rng) for c2w in truth])
     trace, losses = refine(field, starts, targets, intrinsics, settings, seed, tick)
     rotation, translation = pose_errors(trace[-1], truth)
-    values = refinement_scores(rotation, translation)
-    converged = int(np.sum((rotation < CONVERGED_DEG) & (translation < CONVERGED_M)))
-    n = dict.fromkeys(values, len(truth)) | {"rotation_error_deg": converged, "translation_error_m": converged}
-    status = {name: "none converged" for name, value in values.items() if value is None}
     kept = np.unique(np.linspace(0, len(trace) - 1, 101).round().astype(int))
     artifact = {
         "iterations": kept,
@@ -191,4 +195,4 @@ def evaluate_pose_refinement(
         "rotation_error_deg": rotation,
         "translation_error_m": translation,
     }
-    return TaskResult(values, n, status, artifact)
+    return replace(refinement_result(rotation, translation), artifact=artifact)

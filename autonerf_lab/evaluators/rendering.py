@@ -7,7 +7,7 @@ the simulator's image. Averages are over images; classes are judged on one confu
   (a uniform error of half a level), so that a perfect image scores 58.9 dB and not infinity.
 * SSIM with the Gaussian window of Wang et al. (2004): sigma 1.5, population covariance, per channel.
 * FLIP, mean of the error map for a viewer at 67 pixels per degree.
-* LPIPS needs VGG16 weights that are not shipped: null, status ``weights_missing``.
+* LPIPS (:mod:`~autonerf_lab.evaluators.lpips`) needs weights that are not shipped: null without, ``weights_missing``.
 * Per-class accuracy = mean over classes of hits / target pixels; IoU = hits / (target + predicted - hits). Classes are
   those present in the target images, background included (``miou_objects``: without it).
 * ``depth_median_error_m``: median over all pixels of |rendered - true| depth along the axis.
@@ -24,6 +24,7 @@ from skimage.metrics import structural_similarity
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.dataset import Dataset
 from autonerf_lab.evaluators.field import Field
+from autonerf_lab.evaluators.lpips import MIN_SIDE, Lpips
 from autonerf_lab.evaluators.result import TaskResult
 from autonerf_lab.geometry import Intrinsics
 
@@ -140,18 +141,24 @@ def class_scores(confusion: np.ndarray) -> dict[str, float | None]:
     }
 
 
-def evaluate_rendering(field: Field, views: Iterable[View], tick: Callable[[], None] = lambda: None) -> TaskResult:
+def evaluate_rendering(
+    field: Field, views: Iterable[View], tick: Callable[[], None] = lambda: None, lpips: Lpips | None = None
+) -> TaskResult:
     """Score what a field shows from each of some cameras against what it should show.
 
     Args:
         field: only ``render`` is used.
         views: the targets, see :func:`simulated_views` and :func:`photographed_views`.
         tick: called after each image.
+        lpips: with its weights.
 
     Returns:
-        Means over the views; those of each view are in the artifact (``psnr``, ``ssim``, ``flip``; NaN: none).
+        Means over the views; those of each view are in the artifact (``psnr``, ``ssim``, ``flip``, and ``lpips`` with
+        its weights; NaN: none).
     """
     values: dict[str, list[float]] = {"psnr": [], "ssim": [], "flip": []}
+    if lpips:
+        values["lpips"] = []
     confusion = np.zeros((NUM_CLASSES, NUM_CLASSES), dtype=np.int64)
     depth_errors: list[np.ndarray] = [np.zeros(0, np.float32)]
     kept: list[dict[str, np.ndarray | None]] = []
@@ -164,6 +171,8 @@ def evaluate_rendering(field: Field, views: Iterable[View], tick: Callable[[], N
         values["ssim"].append(ssim(rgb, true_rgb) if min(rgb.shape[:2]) >= 11 else np.nan)
         mean_flip, flip_map = flip(rgb, true_rgb)
         values["flip"].append(mean_flip)
+        if lpips:
+            values["lpips"].append(lpips(rgb, true_rgb) if min(rgb.shape[:2]) >= MIN_SIDE else np.nan)
         if image.semantics is not None and target.semantics is not None:
             confusion += confusion_matrix(image.semantics, target.semantics)
         if target.depth is not None:
@@ -188,9 +197,11 @@ def evaluate_rendering(field: Field, views: Iterable[View], tick: Callable[[], N
     scores: dict[str, float | None] = {
         name: float(np.nanmean(v)) if np.isfinite(v).any() else None for name, v in per_view.items()
     }
-    scores |= {"lpips": None, **class_scores(confusion)}
+    scores = {"lpips": None, **scores, **class_scores(confusion)}
     scores["depth_median_error_m"] = float(np.median(errors)) if len(errors) else None
-    status = {"lpips": "weights_missing"}
+    status = {}
+    if scores["lpips"] is None:
+        status["lpips"] = f"images under {MIN_SIDE} pixels" if lpips else "weights_missing"
     if scores["ssim"] is None:
         status["ssim"] = "images under 11 pixels"
     if scores["miou_objects"] is None:

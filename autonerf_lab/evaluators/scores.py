@@ -48,7 +48,8 @@ class Scores(list[Score]):
     """Rows of one evaluation, in the order of the protocol.
 
     ``artifacts`` holds the raw material of the pictures (a dict by task) and ``yardsticks`` other scores to print
-    beside these (``ceiling``, ``nearest_view``); neither is saved with the rows.
+    beside these (``ceiling``, ``nearest_view``); neither is saved with the rows, but ``weights`` is: the SHA-256 of the
+    weights that a metric was computed with, by metric (``lpips``).
 
     Example:
         >>> scores = Scores([Score("rendering", "psnr", 22.5, "dB", n=8)])
@@ -63,6 +64,7 @@ class Scores(list[Score]):
         super().__init__(rows)
         self.artifacts: dict[str, Any] = dict(artifacts or {})
         self.yardsticks: dict[str, Scores] = {}
+        self.weights: dict[str, str] = {}
 
     def __getitem__(self, key: Any) -> Any:
         """A row by position, or a value by ``scores[task, metric]`` (KeyError when there is no such row)."""
@@ -113,12 +115,13 @@ class Scores(list[Score]):
         return pd.DataFrame([asdict(row) for row in self], columns=[f.name for f in fields(Score)])
 
     def save(self, path: str | Path) -> None:
-        """Write ``scores.json`` (rows only, not the artifacts).
+        """Write ``scores.json`` (rows and ``weights``, not the artifacts).
 
         Raises:
             DataError: the file cannot be written.
         """
-        storage.write_json(path, {"version": 1, "scores": [asdict(row) for row in self]})
+        rows = [asdict(row) for row in self]
+        storage.write_json(path, {"version": 1, "scores": rows} | ({"weights": self.weights} if self.weights else {}))
 
     @classmethod
     def load(cls, path: str | Path) -> "Scores":
@@ -127,7 +130,8 @@ class Scores(list[Score]):
         Raises:
             DataError: names the file, and what is wrong with it.
         """
-        rows = storage.read_json(path).get("scores")
+        content = storage.read_json(path)
+        rows, weights = content.get("scores"), content.get("weights", {})
         if not isinstance(rows, list):
             raise DataError(f"{path} holds no list 'scores'; run the evaluation again")
         try:
@@ -138,4 +142,8 @@ class Scores(list[Score]):
             number = row.value is None or (isinstance(row.value, int | float) and not isinstance(row.value, bool))
             if not (number and all(isinstance(t, str) for t in (row.task, row.metric, row.unit, row.status))):
                 raise DataError(f"{path} holds a row that is not a score: {row}")
-        return cls(loaded)
+        if not isinstance(weights, dict) or not all(isinstance(text, str) for text in weights.values()):
+            raise DataError(f"{path}: 'weights' must name a SHA-256 for each metric; run the evaluation again")
+        scores = cls(loaded)
+        scores.weights.update(weights)
+        return scores

@@ -20,7 +20,7 @@ from autonerf_lab.run_folder import STAGES, RunFolder
 from autonerf_lab.types import Score
 from autonerf_lab.viz.gallery import Picture, read_gallery
 
-YARDSTICKS = ("nearest_view", "ceiling")
+YARDSTICKS = ("nearest_view", "tsdf", "ceiling")
 _NO_VALUE = "–"
 
 
@@ -111,6 +111,10 @@ METRICS: dict[tuple[str, str], tuple[str, str, str, int]] = {
     ("mesh", "completion_m_all"): ("Completion, unseen parts too", "cm", "↓", 1),
     ("mesh", "completion_ratio_all"): ("Completed within 5 cm, unseen parts too", "%", "↑", 1),
     ("mesh", "normal_consistency_all"): ("Normal consistency, unseen parts too", "", "↑", 3),
+    ("navigation", "success"): ("Success in the mesh", "%", "↑", 1),
+    ("navigation", "spl"): ("SPL in the mesh", "%", "↑", 1),
+    ("navigation", "success_true_mesh"): ("Success in the true scene", "%", "↑", 1),
+    ("navigation", "spl_true_mesh"): ("SPL in the true scene", "%", "↑", 1),
     ("exploration", "explored_area_m2"): ("Explored area", "m²", "↑", 1),
     ("exploration", "collisions"): ("Collisions", "", "↓", 0),
     ("exploration", "path_length_m"): ("Path length", "m", "", 1),

@@ -1,0 +1,121 @@
+"""LPIPS (Zhang et al. 2018): how different two images look to a network that has learned to name what images show.
+
+Both go through the convolutions of VGG16. After each of its five stages the features of a pixel are scaled to unit
+length; their squared difference, weighted by a learned factor a channel, is averaged over the pixels and summed over
+the stages:
+
+    d(x, y) = sum_l mean_hw sum_c w_lc (x_lhwc - y_lhwc)**2
+
+**The weights** are neither shipped nor downloaded. They are one safetensors file with the names of torchvision
+(``features.0.weight`` ...) and of the package lpips (``lin0.model.1.weight`` ...). Where both are installed, this
+writes it::
+
+    import lpips, torchvision
+    from safetensors.torch import save_file
+
+    vgg = torchvision.models.vgg16(weights="IMAGENET1K_V1").state_dict()
+    heads = lpips.LPIPS(net="vgg").state_dict()
+    weights = {name: value for name, value in vgg.items() if name.startswith("features.")}
+    weights |= {f"lin{k}.model.1.weight": heads[f"lin{k}.model.1.weight"] for k in range(5)}
+    save_file(weights, "lpips-vgg16.safetensors")
+"""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+
+from autonerf_lab import storage
+from autonerf_lab.errors import DataError
+
+MIN_SIDE = 16  # pixels: four stages halve the image
+STAGES = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))  # channels of the convolutions
+# What the authors' implementation does to images in [-1, 1]: nearly the statistics of ImageNet
+_SHIFT = torch.tensor([-0.030, -0.088, -0.188])[:, None, None]
+_SCALE = torch.tensor([0.458, 0.448, 0.450])[:, None, None]
+_EPS = 1e-10
+_HEAD = "lin{}.model.1.weight"
+
+
+class Lpips:
+    """The distance of two images, 0 for equal ones.
+
+    Args:
+        path: the file of weights, see above.
+        sha256: what the file must have, in hexadecimal; not checked without.
+
+    Raises:
+        DataError: the file is missing, damaged, not the one that was meant, or lacks a weight.
+
+    Example:
+        >>> Lpips("/nowhere.safetensors")
+        Traceback (most recent call last):
+        autonerf_lab.errors.DataError: /nowhere.safetensors does not exist
+    """
+
+    def __init__(self, path: str | Path, sha256: str | None = None) -> None:
+        arrays, _ = storage.read_arrays(path)
+        self.sha256 = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        if sha256 is not None and sha256.lower() != self.sha256:
+            raise DataError(f"{path} has the SHA-256 {self.sha256}, not {sha256}: these are other weights")
+        shapes = {name: tuple(value.shape) for name, value in _vgg16().state_dict().items()}
+        shapes |= {_HEAD.format(k): (1, widths[-1], 1, 1) for k, widths in enumerate(STAGES)}
+        tensors = {name: _checked(path, name, arrays.get(name), shape) for name, shape in shapes.items()}
+        self._heads = [tensors.pop(_HEAD.format(k))[0] for k in range(len(STAGES))]  # (C, 1, 1) each
+        network = _vgg16()
+        network.load_state_dict(tensors, assign=True)
+        self._stages = _stages(network["features"])
+
+    @torch.no_grad()
+    def __call__(self, image: np.ndarray, target: np.ndarray) -> float:
+        """The distance of two (H, W, 3) images in [0, 1].
+
+        Raises:
+            ValueError: they differ in shape, are no colour images, or have a side under 16 pixels.
+        """
+        shape = np.shape(image)
+        if shape != np.shape(target) or len(shape) != 3 or shape[2] != 3 or min(shape[:2]) < MIN_SIDE:
+            raise ValueError(
+                f"LPIPS compares two (H, W, 3) images of at least {MIN_SIDE} pixels a side, not {shape} with "
+                f"{np.shape(target)}"
+            )
+        both = torch.from_numpy(np.stack([image, target]).astype(np.float32)).permute(0, 3, 1, 2)
+        features, distance = (2 * both - 1 - _SHIFT) / _SCALE, 0.0
+        for stage, head in zip(self._stages, self._heads, strict=True):
+            features = stage(features)
+            x, y = features / (features.norm(dim=1, keepdim=True) + _EPS)
+            distance += float((head * (x - y) ** 2).sum(dim=0).mean())
+        return distance
+
+
+def _checked(path: str | Path, name: str, array: np.ndarray | None, shape: tuple[int, ...]) -> torch.Tensor:
+    if array is None or array.shape != shape or not np.issubdtype(array.dtype, np.floating):
+        found = "missing" if array is None else f"{array.dtype} of {array.shape}"
+        raise DataError(f"{path}: {name} is {found}, not floats of {shape}; {__name__} says how to make the file")
+    if not np.isfinite(array).all():
+        raise DataError(f"{path}: {name} holds a value that is not finite")
+    return torch.from_numpy(array.astype(np.float32))
+
+
+def _vgg16() -> nn.ModuleDict:
+    """The convolutions of VGG16, numbered as torchvision does, without memory for the weights."""
+    layers: list[nn.Module] = []
+    channels = 3
+    for widths in STAGES:
+        for width in widths:
+            layers += [nn.Conv2d(channels, width, 3, padding=1, device="meta"), nn.ReLU()]
+            channels = width
+        layers.append(nn.MaxPool2d(2))
+    return nn.ModuleDict({"features": nn.Sequential(*layers)})
+
+
+def _stages(features: nn.Module) -> list[nn.Sequential]:
+    """VGG16 cut before each pooling, so that a stage ends with the features that are compared."""
+    stages: list[list[nn.Module]] = [[]]
+    for layer in features.children():
+        if isinstance(layer, nn.MaxPool2d):
+            stages.append([])
+        stages[-1].append(layer)
+    return [nn.Sequential(*layers) for layers in stages[: len(STAGES)]]
