@@ -119,6 +119,7 @@ def make_ppo(
         "clip_range": settings.clip,
         "ent_coef": settings.entropy,
         "vf_coef": settings.value,
+        "target_kl": settings.target_kl,
         "max_grad_norm": settings.max_grad_norm,
         "policy_kwargs": {"network": network},
         "tensorboard_log": None if log is None else str(log),

@@ -51,6 +51,7 @@ class PolicySettings:
     clip: float = 0.2
     entropy: float = 0.001
     value: float = 0.5
+    target_kl: float | None = None  # epochs end early when the policy has moved so far
     max_grad_norm: float = 0.5
     scale: float = 1.0  # of the reward
     max_steps: int = 1000  # of an episode
