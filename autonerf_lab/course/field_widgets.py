@@ -253,6 +253,7 @@ class Plans(Live):
                 way = grid.centers(descend(field, episode.start, grid.cell))
                 ax.plot(*way.T, "--", color=BLUE, linewidth=1.5, label=f"shortest, {episode.shortest:.2f} m")
             ax.plot(*grid.centers(episode.start), "o", color=BLUE, markeredgecolor="white", markersize=10)
+            assert episode.goal is not None  # a point was asked for
             ax.plot(*grid.centers(episode.goal), "*", color=ORANGE, markeredgecolor="white", markersize=16)
             ax.legend(loc="upper right", fontsize=8)
         fits = np.isfinite(episode.shortest)
