@@ -10,13 +10,13 @@ One module holds the exercises of one notebook. In a notebook::
 
 from typing import Any
 
-from autonerf_lab.course import apartments, mapping, rewards
+from autonerf_lab.course import apartments, mapping, radiance, rewards
 from autonerf_lab.course.exercise import Exercise, Hidden, Verdict
 from autonerf_lab.errors import UnknownNameError
 
-EXERCISES: dict[str, Exercise] = {
-    exercise.name: exercise for module in (apartments, mapping, rewards) for exercise in module.EXERCISES
-}
+_NOTEBOOKS = (apartments, mapping, rewards, radiance)
+
+EXERCISES: dict[str, Exercise] = {exercise.name: exercise for module in _NOTEBOOKS for exercise in module.EXERCISES}
 
 
 def check(name: str, answer: Any) -> Verdict:

@@ -48,10 +48,16 @@ class Live(ABC):
         """The controls and the picture, without the one that stays."""
         return self.widgets.VBox([self._shown, *self.controls()])
 
-    def _ipython_display_(self) -> None:
-        from IPython.display import Image, display
+    def still(self) -> Any:
+        """The picture that stays."""
+        from IPython.display import Image
 
-        display(self.widget(), Image(self.picture, format="png"))
+        return Image(self.picture, format="png")
+
+    def _ipython_display_(self) -> None:
+        from IPython.display import display
+
+        display(self.widget(), self.still())
 
 
 def plain(text: str) -> str:

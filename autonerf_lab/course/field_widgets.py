@@ -1,0 +1,278 @@
+"""Things to play with that need a field: watch it learn, look around in it, plan on its map."""
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.course.live import Live, plain
+from autonerf_lab.evaluators.field import Field
+from autonerf_lab.evaluators.maps import CellState
+from autonerf_lab.evaluators.nearest_view import NearestView
+from autonerf_lab.evaluators.planning import PREDICTED_DILATION, TRUE_DILATION, Episode, Tasks, grow, plan_points
+from autonerf_lab.evaluators.rendering import flip, psnr
+from autonerf_lab.evaluators.truth import TrueMap
+from autonerf_lab.geometry import planar_from_pose, planar_pose, world_to_cell
+from autonerf_lab.planning import descend, travel_distance
+from autonerf_lab.simulator import Simulator
+from autonerf_lab.trajectory import Trajectory
+from autonerf_lab.viz.figures import BLUE, ORANGE, SKY
+from autonerf_lab.viz.map_figures import draw_robot
+
+_GROUND = np.repeat(np.array([[170], [235], [60]], np.uint8), 3, axis=1)  # unknown, free, occupied
+_DRAWINGS = 12  # of a run
+_EVERY = 25  # steps between two drawings in the background
+
+
+class Training(Live):
+    """Watch a field learn: its PSNR, and what it shows from one pose.
+
+    Args:
+        step: trains once and returns the mean squared error of its batch.
+        view: what the field shows now, (H, W, 3) in [0, 1].
+        truth: (H, W, 3) uint8, what it should show.
+
+    Example:
+        >>> training = Training(lambda: 0.01, lambda: np.zeros((2, 2, 3)), np.zeros((2, 2, 3), np.uint8))
+        >>> training.run(5)
+        >>> training.psnr[-1]
+        20.0
+    """
+
+    def __init__(self, step: Callable[[], float], view: Callable[[], np.ndarray], truth: np.ndarray) -> None:
+        super().__init__()
+        self._step, self._view, self._truth = step, view, truth
+        self.psnr: list[float] = []  # dB, of the batch of each step
+        self._stopped, self._thread, self._error = threading.Event(), threading.Thread(), ""
+        self.buttons = {name: self.widgets.Button(description=name) for name in ("train on", "stop")}
+        self.buttons["train on"].on_click(self._train_on)
+        self.buttons["stop"].on_click(self.stop)
+        self.refresh()
+
+    def run(self, steps: int) -> None:
+        """Train, and draw now and then. Interrupting the kernel ends it early and keeps what was learned."""
+        try:
+            self._run(steps, max(1, steps // _DRAWINGS))
+        except KeyboardInterrupt:
+            self.refresh()
+
+    def stop(self, button: object = None) -> None:
+        """End what "train on" began, and wait until the present step is done."""
+        self._stopped.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def controls(self) -> list[Any]:
+        """The buttons: one trains in the background, the other ends that."""
+        return [self.widgets.HBox(list(self.buttons.values()))]
+
+    def figure(self) -> Figure:
+        """The curve, what the field shows, and what it should show."""
+        figure = Figure(figsize=(11, 3.4), layout="constrained")
+        curve, shown, true = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
+        steps = np.arange(len(self.psnr)) + 1
+        curve.plot(steps, self.psnr, color=SKY, linewidth=0.8, label="each step")
+        if steps.size > 20:
+            curve.plot(steps[19:], np.convolve(self.psnr, np.full(20, 0.05), "valid"), color=BLUE, label="mean of 20")
+        curve.set(xlabel="step", ylabel="PSNR of the batch (dB)")
+        curve.grid(alpha=0.3)
+        for ax, image, title in ((shown, self._view(), f"step {len(steps)}"), (true, self._truth, "a camera")):
+            ax.imshow(np.clip(image, 0, 1) if image.dtype != np.uint8 else image)
+            ax.set(xticks=[], yticks=[], title=title)
+        if steps.size:
+            curve.legend(frameon=False, fontsize=8, loc="lower right")
+        if self._error:
+            figure.supxlabel(plain(self._error), color="#D55E00", fontsize=10, wrap=True)
+        return figure
+
+    def _run(self, steps: float, every: int) -> None:
+        self._stopped.clear()
+        done = 0
+        while done < steps and not self._stopped.is_set():
+            self.psnr.append(float(-10 * np.log10(max(self._step(), 1e-10))))
+            done += 1
+            if done % every == 0:
+                self.refresh()
+        self.refresh()
+
+    def _train_on(self, button: object) -> None:
+        if not self._thread.is_alive():
+            self._thread = threading.Thread(target=self._in_background, daemon=True)
+            self._thread.start()
+
+    def _in_background(self) -> None:
+        try:
+            self._run(np.inf, _EVERY)
+        except Exception as error:  # a step is code of the student's
+            self._error = f"{type(error).__name__}: {error}"
+            self.refresh()
+
+
+class Views(Live):
+    """Put a camera anywhere, and see what it would see, what a field shows there, and the nearest training image.
+
+    Args:
+        field: what is looked at.
+        sim: of its scene.
+        walk: what it was trained on.
+        pose: (4, 4) where the camera begins.
+
+    Example:
+        >>> from autonerf_lab.evaluators.ceiling import TrueField
+        >>> from autonerf_lab.exploration import explore
+        >>> from autonerf_lab.geometry import Intrinsics
+        >>> from autonerf_lab.scenes import load_scene
+        >>> sim = Simulator(load_scene("dev-0"), Intrinsics.from_fov(16, 16))
+        >>> walk = explore(sim, "random", steps=2, progress=False)
+        >>> views = Views(TrueField(sim.scene, sim), sim, walk, walk.poses[0])
+        >>> sorted(views.sliders), round(views.psnr["the field"], 1)
+        (['heading', 'x', 'y'], 58.9)
+    """
+
+    def __init__(self, field: Field, sim: Simulator, walk: Trajectory, pose: np.ndarray) -> None:
+        super().__init__()
+        self._field, self._sim, self._nearest = field, sim, NearestView(walk)
+        (x0, y0, _), (x1, y1, _) = sim.scene.bounds
+        x, y, heading = planar_from_pose(pose)
+        degrees = float(np.degrees(heading))
+        limits = {"x": (x0, x1, x, 0.05), "y": (y0, y1, y, 0.05), "heading": (-180.0, 180.0, degrees, 5.0)}
+        self.sliders = {}
+        for name, (low, high, value, step) in limits.items():
+            options = {"min": low, "max": high, "value": value, "step": step, "description": name}
+            self.sliders[name] = self.widgets.FloatSlider(**options, continuous_update=False)
+            self.sliders[name].observe(self.refresh, "value")
+        self.psnr: dict[str, float] = {}  # dB, of what is shown
+        self.refresh()
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(4, 4) of the camera."""
+        x, y, degrees = (slider.value for slider in self.sliders.values())
+        return planar_pose(x, y, np.radians(degrees))
+
+    def controls(self) -> list[Any]:
+        """Sliders: x and y, metres, and the heading, degrees."""
+        return list(self.sliders.values())
+
+    def figure(self) -> Figure:
+        """From above: camera and walk; then what is there, what is shown, its error, and the nearest image."""
+        pose, camera = self.pose, self._sim.intrinsics
+        true = self._sim.render(pose).rgb.astype(np.float32) / 255
+        shown = {"the field": self._field.render(pose, camera), "nearest image": self._nearest.render(pose, camera)}
+        images = {name: np.clip(image.rgb, 0, 1).astype(np.float32) for name, image in shown.items()}
+        self.psnr = {name: psnr(image, true) for name, image in images.items()}
+        figure = Figure(figsize=(14, 3.2), layout="constrained")
+        plan, *axes = figure.subplots(1, 5, width_ratios=(1.3, 1, 1, 1, 1))
+        self._sim.scene.plot(plan)
+        plan.plot(*self._nearest.cameras[:, :2, 3].T, ".", color=SKY, markersize=3)
+        draw_robot(plan, self._nearest.cameras[self._nearest.nearest(pose)], SKY)
+        draw_robot(plan, pose, ORANGE)
+        error = flip(images["the field"], true)[1]
+        titles = ["a camera", *(f"{name}: {value:.1f} dB" for name, value in self.psnr.items())]
+        for ax, image, title in zip(axes, (true, *images.values()), titles, strict=False):
+            ax.imshow(image)
+            ax.set_title(title, fontsize=10)
+        axes[3].imshow(error, cmap="magma", vmin=0, vmax=1)
+        axes[3].set_title(f"FLIP of the field: {error.mean():.2f}", fontsize=10)
+        for ax in axes:
+            ax.set(xticks=[], yticks=[])
+        return figure
+
+
+class Plans(Live):
+    """Choose a start and a goal; a way is planned on a predicted map, and judged on the true one.
+
+    Args:
+        states: (R, C) of :class:`~autonerf_lab.evaluators.maps.CellState`, the prediction.
+        truth: on the same grid.
+        start: (2,) world x, y.
+        goal: (2,) world x, y.
+
+    Example:
+        >>> from autonerf_lab.evaluators.truth import Grid
+        >>> free = np.pad(np.ones((60, 198), bool), 1)
+        >>> nothing = np.zeros((15, *free.shape), bool)
+        >>> truth = TrueMap(Grid(np.zeros(2), free.shape, 0.02), ~free, ~free, free, nothing)
+        >>> plans = Plans(np.where(free, CellState.FREE, CellState.OCCUPIED), truth, (0.5, 0.6), (3.5, 0.6))
+        >>> plans.episode.success, round(plans.episode.length, 2)
+        (True, 3.0)
+    """
+
+    def __init__(
+        self, states: np.ndarray, truth: TrueMap, start: tuple[float, float], goal: tuple[float, float]
+    ) -> None:
+        super().__init__()
+        self._states, self._truth = states, truth
+        self._free = grow(states == CellState.FREE, PREDICTED_DILATION, truth.grid.cell)
+        self._passable = grow(truth.free, TRUE_DILATION, truth.grid.cell)
+        low, high = truth.grid.centers(np.array([[0, 0], np.array(truth.grid.shape) - 1]))
+        self.sliders = {}
+        for end, place in {"start": start, "goal": goal}.items():
+            for k, axis in enumerate("xy"):
+                limits = {"min": float(low[k]), "max": float(high[k]), "step": 0.05, "value": float(place[k])}
+                slider = self.widgets.FloatSlider(**limits, description=f"{end} {axis}", continuous_update=False)
+                slider.observe(self.refresh, "value")
+                self.sliders[f"{end} {axis}"] = slider
+        self.refresh()
+
+    @property
+    def episode(self) -> Episode:
+        """The plan and its judgement, as in the task; ``shortest`` is inf where the robot does not fit or get."""
+        return self._plan()[0]
+
+    def controls(self) -> list[Any]:
+        """Sliders: x and y of both ends, metres."""
+        ends = list(self.sliders.values())
+        return [self.widgets.HBox(ends[:2]), self.widgets.HBox(ends[2:])]
+
+    def figure(self) -> Figure:
+        """The way on the predicted map; the same, and the shortest one, on the true map."""
+        (episode, field), (start, goal) = self._plan(), self._ends()
+        grid, truth = self._truth.grid, self._truth
+        true_states = np.where(truth.free, CellState.FREE, np.where(truth.occupied, CellState.OCCUPIED, 0))
+        rows, cols = grid.shape
+        (x0, y0), (x1, y1) = grid.origin, grid.origin + np.array([cols, rows]) * grid.cell
+        figure = Figure(figsize=(12, 12 * 0.5 * rows / cols + 1), layout="constrained")
+        maps = (
+            (self._states, self._free, "planned on the prediction"),
+            (true_states, self._passable, "judged on the truth"),
+        )
+        for ax, (states, free, title) in zip(figure.subplots(1, 2), maps, strict=True):
+            ground = _GROUND[states]
+            ground[free] = 255
+            ax.imshow(ground, origin="lower", extent=(x0, x1, y0, y1), interpolation="nearest")
+            ax.set(xlabel="x (m)")
+            ax.set_title(title, fontsize=10)
+            if episode.path is not None:
+                ax.plot(
+                    *grid.centers(episode.path).T, color=ORANGE, linewidth=2.5, label=f"planned, {episode.length:.2f} m"
+                )
+            if ax is figure.axes[1] and np.isfinite(episode.shortest):
+                way = grid.centers(descend(field, episode.start, grid.cell))
+                ax.plot(*way.T, "--", color=BLUE, linewidth=1.5, label=f"shortest, {episode.shortest:.2f} m")
+            ax.plot(*start, "o", color=BLUE, markeredgecolor="white", markersize=10, label="start")
+            ax.plot(*goal, "*", color=ORANGE, markeredgecolor="white", markersize=16, label="goal")
+            ax.legend(loc="upper right", fontsize=8)
+        fits = np.isfinite(episode.shortest)
+        verdict = (
+            f"success, SPL {100 * episode.spl:.0f} %" if fits and episode.success else f"failure: {episode.reason}"
+        )
+        figure.suptitle(verdict if fits else "in the true apartment, the robot cannot be at both ends", fontsize=11)
+        return figure
+
+    def _plan(self) -> tuple[Episode, np.ndarray]:
+        """The episode, and the true distances to its goal."""
+        cells = world_to_cell(self._ends(), self._truth.grid.origin, self._truth.grid.cell)
+        field = travel_distance(self._passable, cells[1:], self._truth.grid.cell)
+        shortest = np.array([field[tuple(cells[0])]])
+        nobody = np.full((NUM_CLASSES, 1), np.inf)
+        tasks = Tasks(self._passable, cells[:1], cells[1:], np.maximum(shortest, 1e-9), (), nobody)
+        (episode,) = plan_points(self._free, tasks, self._truth.grid.cell)
+        return episode, field
+
+    def _ends(self) -> np.ndarray:
+        """(2, 2) world x, y of start and goal."""
+        return np.array([slider.value for slider in self.sliders.values()]).reshape(2, 2)
