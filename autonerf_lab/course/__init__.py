@@ -10,11 +10,11 @@ One module holds the exercises of one notebook. In a notebook::
 
 from typing import Any
 
-from autonerf_lab.course import apartments, encodings, mapping, radiance, rewards, scores
+from autonerf_lab.course import apartments, encodings, mapping, plans, radiance, rewards, scores
 from autonerf_lab.course.exercise import Exercise, Hidden, Verdict
 from autonerf_lab.errors import UnknownNameError
 
-_NOTEBOOKS = (apartments, mapping, rewards, radiance, encodings, scores)
+_NOTEBOOKS = (apartments, mapping, rewards, radiance, encodings, scores, plans)
 
 EXERCISES: dict[str, Exercise] = {exercise.name: exercise for module in _NOTEBOOKS for exercise in module.EXERCISES}
 
