@@ -4,7 +4,6 @@ import time
 
 import numpy as np
 import pytest
-from toy_scene import empty_room
 
 from autonerf_lab.course.field_widgets import Plans, Training, Views
 from autonerf_lab.evaluators.ceiling import TrueField
@@ -12,6 +11,7 @@ from autonerf_lab.evaluators.maps import CellState
 from autonerf_lab.evaluators.truth import Grid, TrueMap
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_from_pose, planar_pose
+from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
 
 TRUTH = np.full((4, 4, 3), 255, np.uint8)
@@ -91,7 +91,7 @@ def test_a_step_that_fails_is_shown_where_nobody_can_catch_it():
 
 @pytest.fixture
 def views():
-    sim = Simulator(empty_room(), Intrinsics.from_fov(16, 16))
+    sim = Simulator(load_scene("dev-0"), Intrinsics.from_fov(16, 16))
     walk = explore(sim, "random", steps=3, seed=0, progress=False)
     return Views(TrueField(sim.scene, sim), sim, walk, planar_pose(1.5, 1.0, np.radians(30)))
 
@@ -134,7 +134,7 @@ def test_a_plan_on_a_perfect_map():
     shown = plans()
     assert shown.episode.success and shown.episode.length == pytest.approx(shown.episode.shortest, rel=0.05)
     assert 2.8 < shown.episode.shortest < 4.0
-    assert shown.figure().get_suptitle().startswith("success, SPL 9")
+    assert shown.figure().get_suptitle() == f"success, SPL {100 * shown.episode.spl:.0f} %"
     for name, value in (("start x", 1.0), ("goal y", 1.5), ("goal x", 1.5)):
         before = shown.picture
         shown.sliders[name].value = value

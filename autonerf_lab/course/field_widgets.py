@@ -230,7 +230,8 @@ class Plans(Live):
 
     def figure(self) -> Figure:
         """The way on the predicted map; the same, and the shortest one, on the true map."""
-        (episode, field), grid, truth = self._plan(), self._truth.grid, self._truth
+        (episode, field), (start, goal) = self._plan(), self._ends()
+        grid, truth = self._truth.grid, self._truth
         true_states = np.where(truth.free, CellState.FREE, np.where(truth.occupied, CellState.OCCUPIED, 0))
         rows, cols = grid.shape
         (x0, y0), (x1, y1) = grid.origin, grid.origin + np.array([cols, rows]) * grid.cell
@@ -252,9 +253,8 @@ class Plans(Live):
             if ax is figure.axes[1] and np.isfinite(episode.shortest):
                 way = grid.centers(descend(field, episode.start, grid.cell))
                 ax.plot(*way.T, "--", color=BLUE, linewidth=1.5, label=f"shortest, {episode.shortest:.2f} m")
-            ax.plot(*grid.centers(episode.start), "o", color=BLUE, markeredgecolor="white", markersize=10)
-            assert episode.goal is not None  # a point was asked for
-            ax.plot(*grid.centers(episode.goal), "*", color=ORANGE, markeredgecolor="white", markersize=16)
+            ax.plot(*start, "o", color=BLUE, markeredgecolor="white", markersize=10, label="start")
+            ax.plot(*goal, "*", color=ORANGE, markeredgecolor="white", markersize=16, label="goal")
             ax.legend(loc="upper right", fontsize=8)
         fits = np.isfinite(episode.shortest)
         verdict = (
@@ -265,11 +265,14 @@ class Plans(Live):
 
     def _plan(self) -> tuple[Episode, np.ndarray]:
         """The episode, and the true distances to its goal."""
-        ends = np.array([slider.value for slider in self.sliders.values()]).reshape(2, 2)
-        cells = world_to_cell(ends, self._truth.grid.origin, self._truth.grid.cell)
+        cells = world_to_cell(self._ends(), self._truth.grid.origin, self._truth.grid.cell)
         field = travel_distance(self._passable, cells[1:], self._truth.grid.cell)
         shortest = np.array([field[tuple(cells[0])]])
         nobody = np.full((NUM_CLASSES, 1), np.inf)
         tasks = Tasks(self._passable, cells[:1], cells[1:], np.maximum(shortest, 1e-9), (), nobody)
         (episode,) = plan_points(self._free, tasks, self._truth.grid.cell)
         return episode, field
+
+    def _ends(self) -> np.ndarray:
+        """(2, 2) world x, y of start and goal."""
+        return np.array([slider.value for slider in self.sliders.values()]).reshape(2, 2)

@@ -62,7 +62,6 @@ ALPHA = Exercise(
         Mistake("Over which length? Density is per metre.", lambda s, d: 1 - np.exp(-s)),
         Mistake("A longer way stops more: multiply by the length.", lambda s, d: 1 - np.exp(-s / d)),
         Mistake("The sign of the exponent: opacity lies between 0 and 1.", lambda s, d: 1 - np.exp(s * d)),
-        Mistake("A share is not more than 1, but that is no reason to cut it there.", lambda s, d: min(s * d, 1.0)),
     ),
 )
 
@@ -78,6 +77,7 @@ TOLERANT = Exercise(
             np.array([50.0, 100 / 3]),
         ),
         Case("the same, with a tolerance of 8 cm", (_BESIDE, _DIAGONAL, 0.05, 0.08), np.array([100.0, 200 / 3])),
+        Case("the wall again, a cell of 2 m too far", (_LOWER, _WALL, 2.0, 1.0), np.array([0.0, 0.0])),
     ),
     tolerant,
     (
