@@ -51,7 +51,7 @@ def run_on_cluster(jobs: Sequence[Job], address: str, limits: Limits) -> Iterato
             client.submit(on_worker, job, limits, dict(threads), key=f"cell-{job.cell.name}", pure=False): job
             for job in jobs
         }
-        for future in as_completed(list(futures)):
+        for future in as_completed(list(futures), loop=client.loop):
             job = futures[future]
             error = future.exception() if future.status != "finished" else None
             if isinstance(error, DataError):
