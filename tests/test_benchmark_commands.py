@@ -32,7 +32,7 @@ def test_dry_run_costs_nothing_and_knows_what_is_done(results, tmp_path, capsys)
     assert printed[-2] == "12 cells, 12 to run, 2 at a time"
     assert re.fullmatch(r"about 0\.3 hours and 0\.\d\d GB, from a cell of 180 s on two cores .*", printed[-1])
     assert not (tmp_path / "new").exists()
-    results.discard(results.grid.cells()[:10])
+    results.discard(results.outcomes()[:10])
     assert bench(*words, results.path, "--dry-run", "--preset", "fast") == 0
     printed = capsys.readouterr().out.splitlines()
     assert printed[-2:][0] == "12 cells, 10 to run, 1 at a time"

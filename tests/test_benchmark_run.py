@@ -192,3 +192,27 @@ def test_a_grid_is_a_python_file(tmp_path):
         load_grid(str(path))
     with pytest.raises(UnknownNameError, match=r"FILE\.py, paper"):
         load_grid("papers")
+
+
+def test_a_cell_that_failed_begins_anew_and_one_that_was_ended_goes_on(tmp_path):
+    results = run(tmp_path, {NAMES[0]: "failed: a damaged file", NAMES[1]: "timeout: 9 s"})
+    cells = results.grid.cells()
+    for cell in cells[:2]:
+        (results.work(cell) / "run").mkdir(parents=True)
+    results.discard(results.outcomes()[:2])
+    assert [results.work(cell).exists() for cell in cells[:2]] == [False, True]
+
+
+def test_what_goes_wrong_inside_a_real_cell_is_its_status(tmp_path, monkeypatch):
+    from autonerf_lab import pipeline
+
+    errors = iter([MemoryError("nothing left"), ValueError("odd"), OSError(28, "No space left on device")])
+
+    def fail(*arguments, **options):
+        raise next(errors)
+
+    monkeypatch.setattr(pipeline, "begin", fail)
+    with pytest.raises(DataError, match=r"No space left on device.*what is finished stays"):
+        run_grid(GRID, tmp_path / "out", workers=0)
+    found = [outcome.status for outcome in load_results(tmp_path / "out").outcomes()]
+    assert found == ["oom: nothing left", "failed: ValueError: odd"]

@@ -113,6 +113,7 @@ def test_every_table_can_be_made_of_anything(tmp_path):
     empty = all_tables(collect(results))
     assert [t.name for t in empty] == list(TABLES)
     assert all(t.note for t in empty if t.name != "differences")
+    assert table("rendering", collect(results)).rows[0][1].text == "–"
     for cell in grid.cells():
         results.write(fake_cell.finished(cell))
     for made in all_tables(collect(results)):

@@ -68,7 +68,7 @@ def out_of_space(error: BaseException | None) -> bool:
 
 
 def _attempt(cell: Cell, results: Results, keep: bool) -> Outcome:
-    folder = results.path / "runs" / cell.name if keep else results.work(cell) / "run"
+    folder = results.kept(cell) if keep else results.work(cell) / "run"
     try:
         return _run(cell, results, folder)
     except MemoryError as error:

@@ -50,7 +50,9 @@ class Collected:
         return interval(found) if found else None
 
     def nulls(self, row: Row, key: Key) -> float:
-        """Share of the cells that have no value, though they are finished or failed."""
+        """Share of the cells that were run and have no value; 0 for what no cell was asked for."""
+        if not any(key in scores for cells in self.values.values() for scores in cells.values()):
+            return 0.0
         have = sum(map(len, self.runs(row, key).values()))
         tried = sum(1 for o in self.outcomes if _row(o) == row)
         return 1 - have / tried if tried else 0.0

@@ -29,7 +29,7 @@ def scores_over_policies(found: Collected, columns: Sequence[Column] = HEADLINES
                 ax.errorbar(mean.mean * column.scale, y, xerr=half, fmt="o", color=colour, capsize=3, zorder=3)
                 ax.plot(means, np.full(len(means), y), ".", color=colour, alpha=0.4)
             published = BY_POLICY.get(row[0], {}).get(column.key)
-            if published is not None:
+            if published is not None and row[1] == "semantic-nerfacto":
                 ax.plot(published * column.scale, y, "D", markerfacecolor="none", color="#888888", markersize=5)
         ax.set_title(column.title + (" ↓" if column.better < 0 else ""), fontsize=10)
         ax.grid(axis="x", alpha=0.3)

@@ -50,9 +50,9 @@ OBJECTGOAL = (
 
 RENDERING = (PSNR, SSIM, LPIPS, PER_CLASS, MIOU, Column(_R, "depth_median_error_m", "Depth error [cm]", -1, 1, 100))
 MAPS = (
-    Column(_M, "free_accuracy", "Acc. [%]", 1),
-    Column(_M, "free_precision", "Prec. [%]", 1),
-    Column(_M, "free_recall", "Rec. [%]", 1),
+    Column(_M, "free_accuracy", "Free acc. [%]", 1),
+    Column(_M, "free_precision", "Free prec. [%]", 1),
+    Column(_M, "free_recall", "Free rec. [%]", 1),
     Column(_M, "occupancy_precision", "Occ. prec. 5 cm [%]", 1),
     Column(_M, "occupancy_recall", "Occ. rec. 5 cm [%]", 1),
     *SEMANTIC,

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from autonerf_lab.benchmark.worker import Job
@@ -60,7 +61,7 @@ def run_in_processes(jobs: Iterable[Job], workers: int, limits: Limits) -> Itera
     answers: queue.Queue[tuple[_Process, str]] = queue.Queue()
     running: list[_Process] = []
     try:
-        for job in _first(waiting, workers):
+        for job in islice(waiting, workers):
             running.append(_Process(limits, answers))
             running[-1].give(job)
         while running:
@@ -70,26 +71,21 @@ def run_in_processes(jobs: Iterable[Job], workers: int, limits: Limits) -> Itera
                 for process in running:
                     process.look()
                 continue
-            job = process.job
-            yield job, process.status(line)
-            running.remove(process)
+            if process not in running:
+                continue  # the end of one that was stopped
+            yield process.job, process.status(line)
             after = next(waiting, None)
-            if after is None:
+            if after is None or process.ended(line):
+                running.remove(process)
                 process.stop()
-            else:
-                if not line:
-                    process.stop()
+            if after is not None:
+                if process not in running:
                     process = _Process(limits, answers)
+                    running.append(process)
                 process.give(after)
-                running.append(process)
     finally:
         for process in running:
             process.stop()
-
-
-def _first(jobs: Iterator[Job], count: int) -> Iterator[Job]:
-    for _, job in zip(range(count), jobs, strict=False):
-        yield job
 
 
 class _Process:
@@ -142,21 +138,22 @@ class _Process:
         hint = ", which is also what the system does when memory runs out" if name == "SIGKILL" else ""
         return f"died: {name}{hint}"
 
+    def ended(self, line: str) -> bool:
+        """Whether it cannot take another job: it is dead, or was ended while it gave its last answer."""
+        return not line or bool(self.reason)
+
     def stop(self) -> None:
         self.process.kill()
         self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            assert pipe is not None
-            with contextlib.suppress(BrokenPipeError):  # what was not written to a dead process is no loss
-                pipe.close()
+        assert self.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # what was not written to a dead process is no loss
+            self.process.stdin.close()
 
     def _listen(self, answers: "queue.Queue[tuple[_Process, str]]") -> None:
         assert self.process.stdout is not None
-        try:
-            for line in self.process.stdout:
+        with self.process.stdout as lines:
+            for line in lines:
                 answers.put((self, line))
-        except ValueError:  # closed by stop()
-            return
         answers.put((self, ""))
 
 

@@ -58,6 +58,10 @@ class Results:
         """Where it is worked on."""
         return self.path / "work" / cell.name
 
+    def kept(self, cell: Cell) -> Path:
+        """Its run folder, where it is kept."""
+        return self.path / "runs" / cell.name
+
     def log(self, cell: Cell) -> Path:
         """What it printed."""
         return self.path / "work" / f"{cell.name}.log"
@@ -102,15 +106,22 @@ class Results:
         """Of all cells that have one, in the order of the grid."""
         return [outcome for cell in self.grid.cells() if (outcome := self.read(cell)) is not None]
 
-    def discard(self, cells: Iterable[Cell]) -> None:
-        """Forget what became of some cells, so that they run again."""
-        for cell in cells:
-            self.file(cell).unlink(missing_ok=True)
+    def discard(self, outcomes: Iterable[Outcome]) -> None:
+        """Forget what became of some cells, so that they run again.
+
+        One that failed begins anew, because what it left may be the reason; one that was ended goes on.
+        """
+        for outcome in outcomes:
+            if outcome.status.startswith("failed"):
+                shutil.rmtree(self.work(outcome.cell), ignore_errors=True)
+                shutil.rmtree(self.kept(outcome.cell), ignore_errors=True)
+            self.file(outcome.cell).unlink(missing_ok=True)
 
     def tidy(self) -> None:
         """Remove what a killed run left behind and nobody needs: work on finished cells, files cut off in writing."""
-        for file in [*self.path.glob(".*.*.*"), *self.path.glob("cells/.*"), *self.path.glob("pictures/.*")]:
-            file.unlink()
+        for pattern in (".*.*.*", "cells/.*", "pictures/.*", "scenes/.*"):
+            for file in self.path.glob(pattern):
+                file.unlink()
         for outcome in self.outcomes():
             if outcome.finished:
                 self.log(outcome.cell).unlink(missing_ok=True)

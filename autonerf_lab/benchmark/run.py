@@ -55,7 +55,7 @@ def run_grid(
     results = open_results(path, grid)
     with locked(path):
         results.tidy()
-        results.discard(cell for cell in grid.cells() if _again(results.read(cell), set(retry)))
+        results.discard([outcome for outcome in results.outcomes() if _again(outcome, set(retry))])
         cells = [cell for cell in grid.cells() if results.read(cell) is None]
         total = len(grid.cells())
         print(f"{total} cells, {total - len(cells)} finished before", flush=True)
@@ -81,10 +81,8 @@ def _run(
     return ((job, job.run()) for job in jobs)
 
 
-def _again(outcome: Outcome | None, retry: set[str]) -> bool:
-    if outcome is None or outcome.finished:
-        return False
-    return "failed" in retry or outcome.status.split(":")[0] in retry
+def _again(outcome: Outcome, retry: set[str]) -> bool:
+    return not outcome.finished and ("failed" in retry or outcome.status.split(":")[0] in retry)
 
 
 def _settle(results: Results, cell: Cell, status: str) -> None:

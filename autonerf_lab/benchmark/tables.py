@@ -118,11 +118,12 @@ def _variants(found: Collected) -> Table:
 
 def _differences(found: Collected) -> Table:
     lines = []
+    several = len({model for _, model in found.rows}) > 1
     for reference in REFERENCES:
         for row in found.rows:
             other = (reference, row[1])
             if row[0] not in ("random", reference) and other in found.places:
-                lines.append(difference_line(found, row, other, f"{row[0]} − {reference}"))
+                lines.append(difference_line(found, row, other, f"{row[0]} − {reference}" + several * f", {row[1]}"))
     note = "" if lines else "Nothing to compare with: the grid has neither frontier nor random."
     header = ("", *(column.title for column in paper.HEADLINES))
     title = "Paired differences by scene and start; in bold where the interval does not hold zero"
