@@ -83,8 +83,7 @@ class BenchRun:
             if said:
                 raise DataError(f"--grid {self.grid} says it all: leave --{next(iter(said))} out")
             grid = load_grid(self.grid)
-            chosen = {"preset": self.preset} if self.preset else {}
-            return replace(grid, **chosen, navigation=grid.navigation or self.navigation)
+            return replace(grid, preset=self.preset or grid.preset, navigation=grid.navigation or self.navigation)
         if "policies" not in said:
             raise DataError("name the --policies, such as random,frontier, or a --grid, such as paper")
         return Grid(**{"scenes": ("val",), **said}, preset=preset(self.preset).name, navigation=self.navigation)

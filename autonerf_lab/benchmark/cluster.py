@@ -53,10 +53,10 @@ def run_on_cluster(jobs: Sequence[Job], address: str, limits: Limits) -> Iterato
         }
         for future in as_completed(list(futures), loop=client.loop):
             job = futures[future]
-            error = future.exception() if future.status != "finished" else None
-            if isinstance(error, DataError):
-                raise error
-            yield job, future.result() if error is None else f"died: {type(error).__name__}: {error}"
+            failure = future.exception() if future.status != "finished" else None
+            if isinstance(failure, DataError):
+                raise failure
+            yield job, future.result() if failure is None else f"died: {type(failure).__name__}: {failure}"
 
 
 def on_worker(job: Job, limits: Limits, threads: dict[str, int]) -> str:

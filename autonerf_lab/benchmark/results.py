@@ -166,8 +166,10 @@ def load_results(path: str | Path) -> Results:
         raise RunFolderError(f"{path} holds no results (no grid.json); `autonerf-lab bench run` makes some")
     kept = _read_header(path)["grid"]
     try:
-        known = {f.name: kept[f.name] for f in fields(Grid)}
-        grid = Grid(**{key: tuple(value) if isinstance(value, list) else value for key, value in known.items()})
+        known: dict[str, Any] = {f.name: kept[f.name] for f in fields(Grid)}
+        for name in ("policies", "scenes", "models"):
+            known[name] = tuple(known[name])
+        grid = Grid(**known)
         grid.cells()
     except (KeyError, TypeError) as error:
         raise DataError(f"{path / 'grid.json'} is damaged ({error!r}); begin another results folder") from error

@@ -1,6 +1,6 @@
 """What a walk is worth without any field: task 8 of the protocol, and the rewards of the paper, summed."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +21,8 @@ SENSOR = 84  # pixels a side: what coverage is measured with, whatever camera th
 METRICS = {"area": "coverage", "obstacles": "obstacle_coverage", "semantics": "semantic_coverage",
            "viewpoints": "viewpoint_coverage"}  # fmt: skip
 SUMMED = ("cov", "obs", "sem", "view")  # rewards that count new cells: their sum is what the map gained
-
-
 CURVE_POINTS = 50
+ARRAYS = tuple(field.name for field in fields(MapState) if field.name != "cell")
 
 Curves = dict[str, list[float]]
 
@@ -82,23 +81,22 @@ def kept_visible_map(sim: Simulator, poses: int, cache: Path) -> MapState:
         DataError: the cache is damaged, or cannot be written.
     """
     path = cache / f"{scene_sha256(sim.scene)[:16]}-{poses}.safetensors"
-    names = [field.name for field in fields(MapState) if field.name != "cell"]
     if path.exists():
         arrays, header = storage.read_arrays(path)
-        return MapState(**{name: _unpacked(arrays[name]) for name in names}, cell=float(header["cell"]))
+        return MapState(**{name: _unpacked(arrays[name], header["size"]) for name in ARRAYS}, cell=header["cell"])
     visible = visible_map(sim, poses)
-    storage.write_arrays(path, {name: _packed(getattr(visible, name)) for name in names}, {"cell": visible.cell})
+    header = {"cell": visible.cell, "size": len(visible.explored)}
+    storage.write_arrays(path, {name: _packed(getattr(visible, name)) for name in ARRAYS}, header)
     return visible
 
 
 def _packed(array: np.ndarray) -> np.ndarray:
-    return array.astype(np.uint8) if array.dtype == np.bool_ else array
+    return np.packbits(array, axis=-1) if array.dtype == np.bool_ else array
 
 
-def _unpacked(array: np.ndarray) -> np.ndarray:
-    return array.astype(np.bool_) if array.dtype == np.uint8 else array
+def _unpacked(array: np.ndarray, size: int) -> np.ndarray:
+    return np.unpackbits(array, axis=-1, count=size).astype(np.bool_) if array.dtype == np.uint8 else array
 
 
 def _copy(map: MapState) -> MapState:
-    return MapState(**{f.name: np.copy(v) if isinstance(v := getattr(map, f.name), np.ndarray) else v
-                       for f in fields(MapState)})  # fmt: skip
+    return replace(map, **{name: getattr(map, name).copy() for name in ARRAYS})
