@@ -89,10 +89,13 @@ def kill_after(seconds: float, out: Path, workers: int) -> bool:
 
 def stage_of(out: Path) -> str:
     """What the cell that was begun last was doing."""
-    runs = sorted(out.glob("work/*/run/run.json"), key=lambda path: path.stat().st_mtime)
-    if not runs:
-        return "before a cell"
-    done = json.loads(runs[-1].read_text())["stages"]
+    try:
+        runs = sorted(out.glob("work/*/run/run.json"), key=lambda path: path.stat().st_mtime)
+        if not runs:
+            return "between cells"
+        done = json.loads(runs[-1].read_text())["stages"]
+    except FileNotFoundError:  # a worker that has not noticed yet clears away
+        return "between cells"
     return next((stage for stage in STAGES[:4] if stage not in done), "exploration")
 
 
