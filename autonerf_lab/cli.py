@@ -13,6 +13,7 @@ import tyro
 from tyro.conf import Positional, arg, subcommand
 
 from autonerf_lab import plugins
+from autonerf_lab.bench_commands import Bench
 from autonerf_lab.errors import AutoNerfError, DataError
 from autonerf_lab.policy_commands import TrainPolicy
 from autonerf_lab.scene_commands import Scenes
@@ -298,6 +299,7 @@ class CommandLine:
         | Annotated[Video, subcommand("video")]
         | Annotated[View, subcommand("view")]
         | Annotated[TrainPolicy, subcommand("train-policy")]
+        | Annotated[Bench, subcommand("bench")]
         | Annotated[Rewards, subcommand("rewards")]
     )
     debug: Annotated[bool, arg(help="Show where an error came from.")] = False

@@ -27,14 +27,15 @@ class Preset:
     refine_iterations: int
     refine_rays: int
     mesh_voxel: float  # metres
+    visible_poses: int  # from which what there is to see in a scene is found out
 
 
 PRESETS: dict[str, Preset] = {
     preset.name: preset
     for preset in (
-        Preset("smoke", 48, 48, 1, 60, 8, 10, 4, 50, 512, 0.05),
-        Preset("fast", 128, 128, 2, 1500, 100, 100, 20, 200, 1024, 0.025),
-        Preset("paper", 320, 240, 2, 1500, 100, 100, 100, 300, 4096, 0.02),
+        Preset("smoke", 48, 48, 1, 60, 8, 10, 4, 50, 512, 0.05, 100),
+        Preset("fast", 128, 128, 2, 1500, 100, 100, 20, 200, 1024, 0.025, 2000),
+        Preset("paper", 320, 240, 2, 1500, 100, 100, 100, 300, 4096, 0.02, 2000),
     )
 }
 

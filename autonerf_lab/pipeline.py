@@ -5,7 +5,7 @@ interrupted and resumed is the same as one that was not, and each stage is also 
 """
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,9 +31,15 @@ class Workspace:
     """A run folder and what its stages share; everything is read from the folder when somebody first asks."""
 
     def __init__(
-        self, run: RunFolder, scene: "Scene | None" = None, lpips: "Lpips | None" = None, upstream: bool = False
+        self,
+        run: RunFolder,
+        scene: "Scene | None" = None,
+        lpips: "Lpips | None" = None,
+        upstream: bool = False,
+        yardsticks: bool = True,
+        optional: Sequence[str] = (),
     ) -> None:
-        self.run, self.lpips, self.upstream = run, lpips, upstream
+        self.run, self.lpips, self.upstream, self.yardsticks, self.optional = run, lpips, upstream, yardsticks, optional
         if scene is not None:
             self.scene = scene
 
@@ -134,8 +140,13 @@ def begin(
     last: str = "report",
     overwrite: bool = False,
     lpips: "Lpips | None" = None,
+    yardsticks: bool = True,
+    optional: Sequence[str] = (),
 ) -> None:
     """Run the stages up to ``last`` in the folder ``out``; go on there if the same run was interrupted.
+
+    ``yardsticks`` says whether other things than the field are put through the tasks too; ``optional`` are names of
+    tasks that are only done when they are asked for.
 
     Raises:
         AutoNerfError: a name is unknown, the folder holds something else, or a stage failed.
@@ -151,7 +162,8 @@ def begin(
         run = open_run(out, config, last, overwrite)
         if model is not None and run.config.model is None:
             run.choose_model(model)
-        run_stages(Workspace(run, apartment, lpips), STAGES[: STAGES.index(last) + 1], spent)
+        work = Workspace(run, apartment, lpips, yardsticks=yardsticks, optional=optional)
+        run_stages(work, STAGES[: STAGES.index(last) + 1], spent)
 
 
 def resume(
@@ -291,16 +303,18 @@ def _fit(work: Workspace) -> None:
 
 
 def _evaluate(work: Workspace) -> None:
-    from autonerf_lab.evaluators import ceiling, evaluate, upstream_scores
+    from autonerf_lab.evaluators import METRICS, ceiling, evaluate, upstream_scores
     from autonerf_lab.viz.run_pictures import draw_scores
 
     config, scene = work.run.config, work.scene
-    lpips = work.lpips
-    scores = evaluate(work.nerf, scene, work.preset, config.seed, trajectory=work.trajectory, lpips_weights=lpips)
+    lpips, walk = work.lpips, work.trajectory if work.yardsticks else None
+    tasks = [*METRICS, *work.optional]
+    scores = evaluate(work.nerf, scene, work.preset, config.seed, tasks, trajectory=walk, lpips_weights=lpips)
     for name, rows in scores.yardsticks.items():
         rows.save(work.run / f"yardsticks/{name}.json")
-    print("the same tasks for the true geometry", flush=True)
-    ceiling(scene, work.preset, config.seed, lpips_weights=lpips).save(work.run / "yardsticks/ceiling.json")
+    if work.yardsticks:
+        print("the same tasks for the true geometry", flush=True)
+        ceiling(scene, work.preset, config.seed, lpips_weights=lpips).save(work.run / "yardsticks/ceiling.json")
     if work.upstream:
         print("the same field by the definitions of the released code", flush=True)
         upstream_scores(work.nerf, scene, work.preset, config.seed).save(work.run / "yardsticks/upstream.json")

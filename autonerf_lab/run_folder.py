@@ -189,7 +189,7 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
             if differences:
                 refusal = RunFolderError(f"{path} holds another run ({'; '.join(differences)}); {_way_out()}")
             elif all(run.finished(stage) for stage in STAGES[: STAGES.index(last) + 1]):
-                made = path / {"explore": "trajectory", "report": "report.html"}[last]
+                made = path / {"explore": "trajectory", "evaluate": "scores.json", "report": "report.html"}[last]
                 refusal = RunFolderError(f"{path} holds a finished run ({made}); {_way_out()}")
             else:
                 return run

@@ -10,7 +10,20 @@ import pytest
 from autonerf_lab import cli, pipeline
 from autonerf_lab.errors import DataError
 
-COMMANDS = ("demo", "scenes", "explore", "fit", "evaluate", "mesh", "report", "point-cloud", "video", "view", "rewards")
+COMMANDS = (
+    "demo",
+    "scenes",
+    "explore",
+    "fit",
+    "evaluate",
+    "mesh",
+    "report",
+    "point-cloud",
+    "video",
+    "view",
+    "rewards",
+    "bench",
+)
 
 
 def run(*arguments, cwd=None):

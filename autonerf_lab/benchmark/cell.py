@@ -1,0 +1,150 @@
+"""One cell of a grid: explore, fit, evaluate, in a run folder that any other command understands."""
+
+import contextlib
+import errno
+import io
+import os
+import re
+import shutil
+import time
+import traceback
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from PIL import Image
+
+from autonerf_lab import pipeline, storage
+from autonerf_lab.benchmark.grid import Cell, label
+from autonerf_lab.benchmark.results import OK, Outcome, Results, load_results
+from autonerf_lab.config import preset
+from autonerf_lab.errors import DataError
+from autonerf_lab.evaluators import Scores
+from autonerf_lab.run_folder import load_run
+from autonerf_lab.types import Score
+
+PICTURES = {"walk": "explore_from_above.png", "rendering": "evaluate_comparison.png", "maps": "evaluate_overlay.png"}
+PICTURE_WIDTH = 900
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def run_cell(cell: Cell, out: Path, keep: bool = False) -> str:
+    """Run a cell, or what is left of it, and write its outcome.
+
+    Args:
+        cell: of the grid of ``out``.
+        out: the results folder.
+        keep: leave everything that was made in ``runs/CELL``; else only scores and small pictures stay.
+
+    Returns:
+        The status. Whatever goes wrong inside a cell is one: it is written down, with the reason.
+
+    Raises:
+        DataError: no space is left: nothing more can be written down.
+    """
+    results = load_results(out)
+    with _alone(results.work(cell)):
+        done = results.read(cell)
+        if done is None:
+            done = _attempt(cell, results, keep)
+            results.write(done)
+        if done.finished:
+            shutil.rmtree(results.work(cell), ignore_errors=True)
+        return done.status
+
+
+def out_of_space(error: BaseException | None) -> bool:
+    """Whether a full disk is behind an error.
+
+    Example:
+        >>> out_of_space(OSError(errno.ENOSPC, "No space left on device")), out_of_space(ValueError())
+        (True, False)
+    """
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in NO_SPACE:
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _attempt(cell: Cell, results: Results, keep: bool) -> Outcome:
+    folder = results.kept(cell) if keep else results.work(cell) / "run"
+    try:
+        return _run(cell, results, folder)
+    except MemoryError as error:
+        traceback.print_exc()
+        return Outcome(cell, f"oom: {error}")
+    except Exception as error:  # a grid must survive one odd cell
+        traceback.print_exc()
+        if out_of_space(error):
+            raise DataError(f"{error}; what is finished stays, and the same command goes on") from error
+        kind = "oom" if re.search("not enough memory|out of memory|allocate", str(error)) else "failed"
+        return Outcome(cell, f"{kind}: {type(error).__name__}: {error}")
+
+
+def _run(cell: Cell, results: Results, folder: Path) -> Outcome:
+    if not ((folder / "run.json").exists() and load_run(folder).finished("evaluate")):
+        pipeline.begin(
+            folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate",
+            yardsticks=False, optional=("navigation",) if cell.navigation else (),
+        )  # fmt: skip
+    run = load_run(folder)
+    started = time.perf_counter()
+    walked = folder / "exploration.json"
+    if not walked.exists():
+        from autonerf_lab.benchmark.walks import walk_scores
+
+        work = pipeline.Workspace(run)
+        rows, curves = walk_scores(work.trajectory, work.scene, preset(cell.preset), results.path / "scenes")
+        storage.write_json(folder / "curves.json", curves)
+        Scores(rows).save(walked)
+    for name, file in PICTURES.items():
+        _shrink(run / "figures" / file, results.path / "pictures" / f"{cell.name}_{name}.webp")
+    last = {"seconds": round(time.perf_counter() - started, 3), "peak_gb": pipeline.peak_gb()}
+    scores = tuple(_signed(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(walked)])
+    return Outcome(cell, OK, scores, {**run.stages, "exploration": last}, storage.read_json(folder / "curves.json"))
+
+
+def _signed(row: Score, cell: Cell) -> Score:
+    policy = label(cell.policy)
+    return replace(
+        row, scene=label(cell.scene), start=cell.start, policy=policy, reward=policy.partition("-")[2],
+        model=cell.model, preset=cell.preset, seed=cell.start,
+    )  # fmt: skip
+
+
+def _shrink(source: Path, target: Path) -> None:
+    with Image.open(source) as image:
+        small = image.convert("RGB")
+    small.thumbnail((PICTURE_WIDTH, 4 * PICTURE_WIDTH))
+    data = io.BytesIO()
+    small.save(data, "WEBP", quality=80)
+    storage.write_bytes(target, data.getvalue())
+
+
+@contextlib.contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Wait until no other process works on the cell: one that lost its parent a moment ago may not know yet.
+
+    Raises:
+        DataError: the folder cannot be made.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows has other locks; there two runs in one folder are the user's care
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+        return
+    while True:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            handle = os.open(folder, os.O_RDONLY)
+        except OSError as error:
+            raise DataError(f"cannot make the folder {folder}: {error.strerror}") from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            if folder.exists() and os.path.samestat(os.fstat(handle), folder.stat()):
+                yield
+                return
+        finally:
+            os.close(handle)

@@ -1,0 +1,171 @@
+"""A grid: which policy walks in which scene from which start, and which model learns from the walk."""
+
+import hashlib
+import re
+import runpy
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from autonerf_lab.config import preset
+from autonerf_lab.errors import DataError, UnknownNameError
+
+PAPER_POLICIES = (
+    "random", "frontier", "e2e-cov", "e2e-cur", "e2e-nov", "e2e-rec",
+    "modular-cov", "modular-sem", "modular-obs", "modular-view",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One walk, the field that learned from it, and its scores."""
+
+    policy: str  # a name, or the path of weights
+    scene: str  # a name, or the path of a file
+    start: int  # the seed of everything in it
+    model: str
+    preset: str
+    navigation: bool = False  # whether a robot also walks in the mesh, which takes minutes
+
+    @property
+    def name(self) -> str:
+        """What its files are called.
+
+        Example:
+            >>> Cell("runs/policies/modular-bumps/policy.safetensors", "val-0", 2, "instant-ngp", "fast").name
+            'val-0_modular-bumps_2_instant-ngp'
+        """
+        parts = (label(self.scene), label(self.policy), str(self.start), self.model)
+        return "_".join(re.sub(r"[^\w.+-]", "-", part) for part in parts)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Every policy in every scene from every start, learned by every model.
+
+    A grid is also a short Python file that makes one and calls it ``GRID``.
+
+    Example:
+        >>> grid = Grid(policies=("random", "frontier"), scenes=("val-0",), starts=2)
+        >>> [cell.name for cell in grid.cells()][:2]
+        ['val-0_random_0_semantic-nerfacto', 'val-0_random_1_semantic-nerfacto']
+    """
+
+    policies: tuple[str, ...]
+    scenes: tuple[str, ...]
+    starts: int = 5
+    models: tuple[str, ...] = ("semantic-nerfacto",)
+    preset: str = "fast"
+    navigation: bool = False
+
+    def cells(self) -> list[Cell]:
+        """All cells, scene by scene."""
+        return [
+            Cell(policy, scene, start, model, self.preset, self.navigation)
+            for scene, policy, start, model in product(self.scenes, self.policies, range(self.starts), self.models)
+        ]
+
+    def checked(self) -> "Grid":
+        """The same grid with its groups of names written out and its paths made absolute.
+
+        Raises:
+            UnknownNameError: a name that does not exist; lists the valid ones.
+            DataError: a file is missing, two entries would share a name, or nothing is left to run.
+        """
+        from autonerf_lab.nerf.models import available
+        from autonerf_lab.policies import POLICIES, make_policy
+        from autonerf_lab.scenes import scene_names
+
+        learned = {kind: [n for n in POLICIES if n.startswith(kind + "-")] for kind in ("modular", "e2e")}
+        groups = {"all": [*POLICIES], "paper": [*PAPER_POLICIES]} | {k: v for k, v in learned.items() if v}
+        policies = _expand(self.policies, groups)
+        for policy in policies:
+            if not _is_path(policy) and policy not in POLICIES:
+                raise UnknownNameError("policy", policy, [*POLICIES, *groups])
+            make_policy(policy)
+        splits = {"all": scene_names()} | {split: scene_names(split) for split in ("train", "dev", "val")}
+        scenes = _expand(self.scenes, splits)
+        for scene in scenes:
+            if _is_path(scene):
+                if not Path(scene).is_file():
+                    raise DataError(f"{scene} does not exist: a scene is a name of the library or a file")
+            elif scene not in scene_names():
+                raise UnknownNameError("scene", scene, [*scene_names(), *splits])
+        models = _expand(self.models, {"all": [*available()]})
+        for model in models:
+            if model not in available():
+                raise UnknownNameError("model", model, [*available(), "all"])
+        if self.starts < 1:
+            raise DataError(f"starts must be at least 1, not {self.starts}")
+        grid = replace(self, policies=policies, scenes=scenes, models=models, preset=preset(self.preset).name)
+        names = [cell.name for cell in grid.cells()]
+        if not names:
+            raise DataError("the grid has no cell: name at least one policy, one scene and one model")
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise DataError(f"two cells would be called {twice[0]}: rename one of the files that the grid names")
+        return grid
+
+    def identity(self) -> dict[str, Any]:
+        """What a results folder keeps, to tell this grid from any other: weights count by what is in them."""
+        from autonerf_lab.policies import WEIGHTS
+
+        weights = {}
+        for policy in self.policies:
+            path = Path(policy) if _is_path(policy) else WEIGHTS / f"{policy}.safetensors"
+            if path.exists():
+                weights[label(policy)] = hashlib.sha256(path.read_bytes()).hexdigest()
+        return {**{key: _plain(value) for key, value in asdict(self).items()}, "weights": weights}
+
+
+def label(name: str) -> str:
+    """A name as tables print it: that of a file without its folder and ending.
+
+    Example:
+        >>> label("frontier"), label("runs/policies/modular-bumps/policy.safetensors"), label("/tmp/flat.glb")
+        ('frontier', 'modular-bumps', 'flat')
+    """
+    if not _is_path(name):
+        return name
+    path = Path(name)
+    return path.parent.name if path.stem == "policy" else path.stem
+
+
+def paper_grid(preset_name: str = "fast") -> Grid:
+    """The paper's policies, and ``random``, in the five validation scenes from five starts."""
+    return Grid(PAPER_POLICIES, ("val",), 5, preset=preset_name)
+
+
+def load_grid(name: str) -> Grid:
+    """The grid ``paper``, or the ``GRID`` of a Python file. The file is code: it is run.
+
+    Raises:
+        UnknownNameError: neither a grid nor a Python file.
+        DataError: the file fails, or holds no grid.
+    """
+    if name == "paper":
+        return paper_grid()
+    if not name.endswith(".py"):
+        raise UnknownNameError("grid", name, ["paper", "FILE.py"])
+    try:
+        grid = runpy.run_path(name).get("GRID")
+    except Exception as error:  # whatever a stranger's file raises
+        raise DataError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
+    if not isinstance(grid, Grid):
+        raise DataError(f"{name} must set GRID = autonerf_lab.benchmark.Grid(...)")
+    return grid
+
+
+def _is_path(name: str) -> bool:
+    return name.endswith((".safetensors", ".json", ".glb", ".obj", ".ply"))
+
+
+def _expand(names: Iterable[str], groups: dict[str, list[str]]) -> tuple[str, ...]:
+    found = [one for name in names for one in groups.get(name, [name])]
+    return tuple(dict.fromkeys(str(Path(name).resolve()) if _is_path(name) else name for name in found))
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,166 @@
+"""Cells in processes of this machine, each with its share of threads and memory; one that hangs or grows is ended."""
+
+import contextlib
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from autonerf_lab.benchmark.worker import Job
+from autonerf_lab.errors import DataError
+
+THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+LOOK_EVERY = 0.5  # seconds between two looks at clock and memory
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one cell may use."""
+
+    threads: int = 1
+    memory_gb: float | None = None  # None where the machine does not say what it has
+    seconds: float | None = 3600.0
+
+
+def share(workers: int, seconds: float | None = 3600.0, memory_gb: float | None = None) -> Limits:
+    """The machine divided among workers; a tenth of the memory is left to others.
+
+    Example:
+        >>> share(10**6).threads, share(2, memory_gb=4.0).memory_gb
+        (1, 4.0)
+    """
+    if memory_gb is None and hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        memory_gb = 0.9 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9 / workers
+    return Limits(max(1, cores() // workers), memory_gb, seconds)
+
+
+def cores() -> int:
+    """Those that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_in_processes(jobs: Iterable[Job], workers: int, limits: Limits) -> Iterator[tuple[Job, str]]:
+    """Run jobs, as many at a time as there are workers.
+
+    Yields:
+        Each job with its status, in the order in which they end. ``timeout: ...``, ``oom: ...`` and ``died: ...`` are
+        those of cells whose process was ended, or ended by itself; the next cell gets a new one.
+
+    Raises:
+        DataError: a worker cannot go on at all: the disk is full.
+    """
+    waiting = iter(jobs)
+    answers: queue.Queue[tuple[_Process, str]] = queue.Queue()
+    running: list[_Process] = []
+    try:
+        for job in islice(waiting, workers):
+            running.append(_Process(limits, answers))
+            running[-1].give(job)
+        while running:
+            try:
+                process, line = answers.get(timeout=LOOK_EVERY)
+            except queue.Empty:
+                for process in running:
+                    process.look()
+                continue
+            if process not in running:
+                continue  # the end of one that was stopped
+            yield process.job, process.status(line)
+            after = next(waiting, None)
+            if after is None or process.ended(line):
+                running.remove(process)
+                process.stop()
+            if after is not None:
+                if process not in running:
+                    process = _Process(limits, answers)
+                    running.append(process)
+                process.give(after)
+    finally:
+        for process in running:
+            process.stop()
+
+
+class _Process:
+    """A worker, and what it is doing."""
+
+    job: Job
+
+    def __init__(self, limits: Limits, answers: "queue.Queue[tuple[_Process, str]]") -> None:
+        self.limits = limits
+        self.reason = ""  # why it was ended
+        self.started = 0.0
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", "from autonerf_lab.benchmark.worker import main; main()"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | dict.fromkeys(THREADS, str(limits.threads)),
+            start_new_session=True,  # Ctrl-C is for the one who started it
+        )
+        threading.Thread(target=self._listen, args=(answers,), daemon=True).start()
+
+    def give(self, job: Job) -> None:
+        self.job, self.started = job, time.monotonic()
+        assert self.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # it is dead already, which the listener says
+            self.process.stdin.write(job.dumps())
+            self.process.stdin.flush()
+
+    def look(self) -> None:
+        """End it if it takes too long or too much."""
+        seconds, memory = self.limits.seconds, self.limits.memory_gb
+        if seconds is not None and time.monotonic() - self.started > seconds:
+            self.reason = f"timeout: not finished after {seconds:g} s"
+        elif memory is not None and (used := _resident_gb(self.process.pid)) > memory:
+            self.reason = f"oom: {used:.1f} GB, its share is {memory:.1f}"
+        if self.reason:
+            self.process.kill()
+
+    def status(self, line: str) -> str:
+        """What an answer means; an empty one is the end of the process."""
+        if line:
+            answer = json.loads(line)
+            if "stop" in answer:
+                raise DataError(answer["stop"])
+            return str(answer["status"])
+        if self.reason:
+            return self.reason
+        code = self.process.wait()
+        name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        hint = ", which is also what the system does when memory runs out" if name == "SIGKILL" else ""
+        return f"died: {name}{hint}"
+
+    def ended(self, line: str) -> bool:
+        """Whether it cannot take another job: it is dead, or was ended while it gave its last answer."""
+        return not line or bool(self.reason)
+
+    def stop(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        assert self.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # what was not written to a dead process is no loss
+            self.process.stdin.close()
+
+    def _listen(self, answers: "queue.Queue[tuple[_Process, str]]") -> None:
+        assert self.process.stdout is not None
+        with self.process.stdout as lines:
+            for line in lines:
+                answers.put((self, line))
+        answers.put((self, ""))
+
+
+def _resident_gb(pid: int) -> float:
+    """Memory of a process; 0 where the system does not say."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except (OSError, IndexError, ValueError):
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e9

@@ -1,0 +1,193 @@
+"""A results folder: what grid it is of, a JSON for each cell, and nothing that a kill could leave half-written.
+
+grid.json            what was asked for
+cells/CELL.json      status, seconds, and a row for each score
+pictures/CELL_*.webp what the report shows
+scenes/              what there is to see in each scene, computed once
+work/CELL/           a cell that is not finished: its run folder and its log
+"""
+
+import shutil
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from autonerf_lab import __version__, storage
+from autonerf_lab.benchmark.grid import Cell, Grid
+from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.types import Score
+
+FORMAT_VERSION = 1
+OK = "ok"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a cell."""
+
+    cell: Cell
+    status: str  # "ok", or a word and the reason: "failed: ...", "timeout: ...", "oom: ...", "died: ..."
+    scores: tuple[Score, ...] = ()
+    stages: dict[str, dict[str, Any]] | None = None  # seconds and memory of each, of a cell that is finished
+    curves: dict[str, list[float]] | None = None  # shares of what is visible, over the walk
+
+    @property
+    def finished(self) -> bool:
+        """Whether it has scores."""
+        return self.status == OK
+
+    @property
+    def seconds(self) -> float:
+        """Of all its stages."""
+        return sum(float(row["seconds"]) for row in (self.stages or {}).values())
+
+
+class Results:
+    """The folder. :func:`open_results` begins one, :func:`load_results` reads one."""
+
+    def __init__(self, path: Path, grid: Grid) -> None:
+        self.path = path
+        self.grid = grid
+
+    def file(self, cell: Cell) -> Path:
+        """Where the outcome of a cell goes."""
+        return self.path / "cells" / f"{cell.name}.json"
+
+    def work(self, cell: Cell) -> Path:
+        """Where it is worked on."""
+        return self.path / "work" / cell.name
+
+    def kept(self, cell: Cell) -> Path:
+        """Its run folder, where it is kept."""
+        return self.path / "runs" / cell.name
+
+    def log(self, cell: Cell) -> Path:
+        """What it printed."""
+        return self.path / "work" / f"{cell.name}.log"
+
+    def write(self, outcome: Outcome) -> None:
+        """Keep what became of a cell.
+
+        Raises:
+            DataError: no space is left, or no permission.
+        """
+        content = {
+            "version": FORMAT_VERSION,
+            "cell": asdict(outcome.cell),
+            "status": outcome.status,
+            "stages": outcome.stages,
+            "curves": outcome.curves,
+            "scores": [asdict(row) for row in outcome.scores],
+        }
+        storage.write_json(self.file(outcome.cell), content)
+
+    def read(self, cell: Cell) -> Outcome | None:
+        """What became of a cell; None when nothing did yet.
+
+        Raises:
+            DataError: the file is damaged; names it and the way out.
+        """
+        path = self.file(cell)
+        if not path.exists():
+            return None
+        content = storage.read_json(path)
+        try:
+            rows = tuple(Score(**row) for row in content["scores"])
+            cell_kept, status = Cell(**content["cell"]), str(content["status"])
+            outcome = Outcome(cell_kept, status, rows, content["stages"], content["curves"])
+        except (KeyError, TypeError) as error:
+            raise DataError(f"{path} is damaged ({error!r}); remove it, and the cell is run again") from error
+        if outcome.cell != cell:
+            raise DataError(f"{path} is about another cell; remove it, and the cell is run again")
+        return outcome
+
+    def outcomes(self) -> list[Outcome]:
+        """Of all cells that have one, in the order of the grid."""
+        return [outcome for cell in self.grid.cells() if (outcome := self.read(cell)) is not None]
+
+    def discard(self, outcomes: Iterable[Outcome]) -> None:
+        """Forget what became of some cells, so that they run again.
+
+        One that failed begins anew, because what it left may be the reason; one that was ended goes on.
+        """
+        for outcome in outcomes:
+            if outcome.status.startswith("failed"):
+                shutil.rmtree(self.work(outcome.cell), ignore_errors=True)
+                shutil.rmtree(self.kept(outcome.cell), ignore_errors=True)
+            self.file(outcome.cell).unlink(missing_ok=True)
+
+    def tidy(self) -> None:
+        """Remove what a killed run left behind and nobody needs: work on finished cells, files cut off in writing."""
+        for pattern in (".*.*.*", "cells/.*", "pictures/.*", "scenes/.*"):
+            for file in self.path.glob(pattern):
+                file.unlink()
+        for outcome in self.outcomes():
+            if outcome.finished:
+                self.log(outcome.cell).unlink(missing_ok=True)
+                shutil.rmtree(self.work(outcome.cell), ignore_errors=True)
+
+
+def open_results(path: str | Path, grid: Grid) -> Results:
+    """Begin a results folder in a new or empty place, or go on with one of the same grid.
+
+    Raises:
+        RunFolderError: the folder holds another grid, another version's, or files of nobody knows whom.
+    """
+    path, identity = Path(path), grid.identity()
+    if (path / "grid.json").exists():
+        kept = _read_header(path)
+        different = [key for key in identity if kept["grid"].get(key) != identity[key]]
+        if different:
+            what = "; ".join(f"{key}: {_text(kept['grid'].get(key))}, not {_text(identity[key])}" for key in different)
+            raise RunFolderError(f"{path} holds the results of another grid ({what}); choose another --out")
+    elif path.exists() and any(not entry.name.startswith(".grid.json.") for entry in path.iterdir()):
+        raise RunFolderError(f"{path} holds files but no grid.json: not a results folder; choose another --out")
+    else:
+        storage.write_json(path / "grid.json", {"version": FORMAT_VERSION, "package": __version__, "grid": identity})
+    return Results(path, grid)
+
+
+def load_results(path: str | Path) -> Results:
+    """The results that ``path`` holds.
+
+    Raises:
+        RunFolderError: none, or another version's.
+        DataError: ``grid.json`` is damaged.
+
+    Example:
+        >>> load_results("/nowhere")
+        Traceback (most recent call last):
+        autonerf_lab.errors.RunFolderError: /nowhere holds no results (no grid.json); \
+`autonerf-lab bench run` makes some
+    """
+    path = Path(path)
+    if not (path / "grid.json").exists():
+        raise RunFolderError(f"{path} holds no results (no grid.json); `autonerf-lab bench run` makes some")
+    kept = _read_header(path)["grid"]
+    try:
+        known: dict[str, Any] = {f.name: kept[f.name] for f in fields(Grid)}
+        for name in ("policies", "scenes", "models"):
+            known[name] = tuple(known[name])
+        grid = Grid(**known)
+        grid.cells()
+    except (KeyError, TypeError) as error:
+        raise DataError(f"{path / 'grid.json'} is damaged ({error!r}); begin another results folder") from error
+    return Results(path, grid)
+
+
+def _read_header(path: Path) -> dict[str, Any]:
+    content = storage.read_json(path / "grid.json")
+    found = (content.get("version"), content.get("package"))
+    if found != (FORMAT_VERSION, __version__):
+        raise RunFolderError(f"{path} was made by autonerf-lab {found[1]}, this is {__version__}; choose another --out")
+    if not isinstance(content.get("grid"), dict):
+        raise DataError(f"{path / 'grid.json'} is damaged (no grid); begin another results folder")
+    return content
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        value = [f"{name} {str(sha256)[:8]}" for name, sha256 in value.items()]
+    text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    return text if len(text) <= 80 else text[:77] + "..."

@@ -1,0 +1,97 @@
+"""A table as text: Markdown, LaTeX and HTML."""
+
+import html
+import re
+from dataclasses import dataclass, replace
+
+NO_VALUE = "–"
+_LATEX = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$", "−": r"$-$", "–": "--", "²": r"$^2$",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What stands in one place."""
+
+    text: str
+    bold: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a header; every row is as long as the header."""
+
+    name: str
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[Entry, ...], ...]
+    note: str = ""
+
+    def noted(self, note: str) -> "Table":
+        """The same with another note."""
+        return replace(self, note=note)
+
+    def markdown(self) -> str:
+        r"""For a README.
+
+        Example:
+            >>> print(Table("t", "Sizes", ("", "a|b"), ((Entry("x"), Entry("1", bold=True)),)).markdown())
+            **Sizes**
+            <BLANKLINE>
+            |  | a\|b |
+            |:--|--:|
+            | x | **1** |
+        """
+
+        def line(texts: list[str]) -> str:
+            return "| " + " | ".join(texts) + " |"
+
+        rows = [
+            line([_markdown(e.text) if not e.bold else f"**{_markdown(e.text)}**" for e in row]) for row in self.rows
+        ]
+        rule = "|:--" + "|--:" * (len(self.header) - 1) + "|"
+        parts = [f"**{_markdown(self.title)}**", "", line([_markdown(text) for text in self.header]), rule, *rows]
+        return "\n".join([*parts, "", _markdown(self.note)] if self.note else parts)
+
+    def latex(self) -> str:
+        """For a paper: booktabs, a caption, a label."""
+
+        def line(texts: list[str]) -> str:
+            return " & ".join(texts) + r" \\"
+
+        rows = [line([rf"\textbf{{{_latex(e.text)}}}" if e.bold else _latex(e.text) for e in row]) for row in self.rows]
+        return "\n".join(
+            [
+                r"\begin{table}", r"\centering", rf"\begin{{tabular}}{{l{'r' * (len(self.header) - 1)}}}", r"\toprule",
+                line([_latex(text) for text in self.header]), r"\midrule", *rows, r"\bottomrule", r"\end{tabular}",
+                rf"\caption{{{_latex(' '.join(filter(None, [self.title + '.', self.note])))}}}",
+                rf"\label{{table:{self.name}}}", r"\end{table}",
+            ]
+        )  # fmt: skip
+
+    def html(self) -> str:
+        """For a page; all text is escaped."""
+        head = "".join(f"<th>{html.escape(text)}</th>" for text in self.header)
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{_bold(html.escape(e.text), e.bold)}</td>" for e in row) + "</tr>\n"
+            for row in self.rows
+        )
+        note = f"<p><small>{html.escape(self.note)}</small></p>" if self.note else ""
+        return (
+            f'<section id="{html.escape(self.name)}"><h3>{html.escape(self.title)}</h3>\n<div class="scroll"><table>\n'
+            f"<thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table></div>{note}</section>"
+        )
+
+
+def _bold(text: str, bold: bool) -> str:
+    return f"<b>{text}</b>" if bold else text
+
+
+def _markdown(text: str) -> str:
+    return re.sub(r"([\\|*_<`\[])", r"\\\1", text)
+
+
+def _latex(text: str) -> str:
+    return "".join(_LATEX.get(letter, letter) for letter in text)

@@ -1,0 +1,93 @@
+"""``autonerf-lab bench`` from the command line: what it prints, what it refuses, and the page it writes."""
+
+import re
+
+import fake_cell
+import pytest
+
+from autonerf_lab import cli
+from autonerf_lab.benchmark import Grid
+from autonerf_lab.benchmark.results import open_results
+
+POLICIES = ("random", "frontier", "modular-obs")
+
+
+@pytest.fixture
+def results(tmp_path):
+    made = open_results(tmp_path / "out", Grid(POLICIES, ("val-0", "val-1"), 2, preset="fast"))
+    for cell in made.grid.cells():
+        made.write(fake_cell.finished(cell))
+    return made
+
+
+def bench(*arguments):
+    return cli.main(["bench", *map(str, arguments)])
+
+
+def test_dry_run_costs_nothing_and_knows_what_is_done(results, tmp_path, capsys):
+    words = ("run", "--policies", "random,frontier,modular-obs", "--scenes", "val-0,val-1", "--starts", 2, "--out")
+    assert bench(*words, tmp_path / "new", "--dry-run", "--workers", 2, "--preset", "fast") == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0] == "val-0_random_0_semantic-nerfacto"
+    assert printed[-2] == "12 cells, 12 to run, 2 at a time"
+    assert re.fullmatch(r"about 0\.3 hours and 0\.\d\d GB, from a cell of 180 s on two cores .*", printed[-1])
+    assert not (tmp_path / "new").exists()
+    results.discard(results.outcomes()[:10])
+    assert bench(*words, results.path, "--dry-run", "--preset", "fast") == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[-2:][0] == "12 cells, 10 to run, 1 at a time"
+    assert printed[-1].startswith("about 0.1 hours and ") and printed[-1].endswith("from 2 finished cells: 36 s each")
+    assert printed[11].endswith("finished")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--policies", "frontire"], "unknown policy 'frontire'; valid names: all, frontier"),
+        (["--policies", "random", "--scenes", "vla"], "unknown scene 'vla'; valid names: all, dev"),
+        (["--policies", "random", "--models", "gauss"], "unknown model 'gauss'"),
+        (["--policies", "random", "--preset", "fats"], "unknown preset 'fats'"),
+        (["--grid", "papers"], "unknown grid 'papers'; valid names: FILE.py, paper"),
+        (["--grid", "paper", "--starts", "2"], "leave --starts out"),
+        ([], "name the --policies"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_made(arguments, words, tmp_path, capsys):
+    assert bench("run", *arguments, "--out", tmp_path / "out") == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and words in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_compare(results, tmp_path, capsys):
+    other = open_results(tmp_path / "other", Grid(("modular-obs",), ("val-0", "val-1"), 2, preset="fast"))
+    for cell in other.grid.cells():
+        other.write(fake_cell.finished(cell))
+    assert bench("compare", results.path, other.path) == 0
+    printed = capsys.readouterr().out
+    assert "| modular-obs, semantic-nerfacto |" in printed
+    assert re.search(r"\| rendering: PSNR \\\[dB] \| \+0\.00 ± 0\.00 \|", printed)
+    assert bench("compare", results.path, tmp_path / "nowhere") == 1
+    assert "holds no results" in capsys.readouterr().err
+
+
+def test_report_is_one_page_that_needs_nothing(results, capsys):
+    assert bench("report", results.path) == 0
+    path = results.path / "report.html"
+    assert capsys.readouterr().out.strip() == str(path)
+    page = path.read_text()
+    for part in ("figures", "tables", "cells", "rendering", "correlations", "noise"):
+        assert f'id="{part}"' in page
+    assert page.count("data:image/png") == 2 and "<script" not in page
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
+    assert "12 of 12 cells" in page and "Worst" in page
+
+
+def test_report_says_what_went_wrong(results):
+    from autonerf_lab.benchmark import Outcome
+    from autonerf_lab.benchmark.report import render
+
+    cell = results.grid.cells()[0]
+    results.write(Outcome(cell, "failed: <img onerror=alert(1)>"))
+    page = render([results])
+    assert "11 of 12 cells" in page and "failed: &lt;img onerror=alert(1)&gt;" in page and "<img onerror" not in page
