@@ -109,7 +109,7 @@ def test_report_that_fails_leaves_the_old_one(fake, tmp_path):
 @pytest.mark.parametrize(
     ("change", "valid"),
     [
-        ({"policy": "frontire"}, "frontier, random"),
+        ({"policy": "frontire"}, "frontier, "),
         ({"model": "nerf"}, "semantic-nerfacto"),
         ({"preset_name": "fats"}, "fast, paper, smoke"),
     ],
