@@ -4,9 +4,13 @@ The names below are the first lesson. They load on first use, so that importing 
 Importing the package registers its Gymnasium environments, by name only.
 """
 
+import os
 from importlib import import_module
 
 import autonerf_lab.envs  # noqa: F401
+
+# open3d and embreex bring a TBB that is too old for numba: it would be found first, warned of, and passed over.
+os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
 
 _HOME = {
     "Scene": "autonerf_lab.scenes",

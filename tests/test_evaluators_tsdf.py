@@ -1,5 +1,6 @@
 """The fused depth of a walk: surfaces where they are, and rows that stand beside those of a field."""
 
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -72,3 +73,11 @@ def test_it_stands_beside_the_mesh_of_a_field(sim, walk, monkeypatch):
         fuse(walk, 0.05)
     beside = evaluate(field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=walk).yardsticks["tsdf"]
     assert {row.status for row in beside} == {"open3d_missing"} and {row.value for row in beside} == {None}
+
+
+def test_kernels_run_without_a_warning_after_open3d_has_been_loaded():
+    code = "import autonerf_lab as lab, open3d; print(lab.generate_apartment(1).texture.shape)"
+    done = subprocess.run(
+        [sys.executable, "-W", "error::numba.NumbaWarning", "-c", code], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
