@@ -1,6 +1,7 @@
 """What the environments share: scenes drawn at every reset, the robot in them, and the map it makes."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, Generic, TypeVar
 
 import gymnasium
@@ -14,10 +15,16 @@ from autonerf_lab.scenes import Scene, load_scene, scene_names
 from autonerf_lab.simulator import Noise, Simulator
 from autonerf_lab.types import MapState, Observation, Transition
 
-_CACHED_SCENES = 4
+_CACHED_SIMULATORS = 4
 
 Seen = dict[str, Any]  # an observation
 ActType = TypeVar("ActType")
+
+
+@lru_cache(maxsize=32)
+def _shared(name: str) -> Scene:
+    """A frozen scene, once for all environments of this process: baking its texture takes longer than an episode."""
+    return load_scene(name)
 
 
 class SceneEnv(gymnasium.Env[Seen, ActType], Generic[ActType]):
@@ -82,11 +89,12 @@ class SceneEnv(gymnasium.Env[Seen, ActType], Generic[ActType]):
 
     def _simulator(self, index: int) -> Simulator:
         if index not in self._simulators:
-            if len(self._simulators) >= _CACHED_SCENES:
+            if len(self._simulators) >= _CACHED_SIMULATORS:
                 self._simulators.pop(next(iter(self._simulators)))
             scene = self._scenes[index]
-            loaded = load_scene(scene) if isinstance(scene, str) else scene
-            self._simulators[index] = Simulator(loaded, self._intrinsics, self._supersample, self._rgb, self._noise)
+            if isinstance(scene, str):
+                scene = _shared(scene) if scene in scene_names() else load_scene(scene)
+            self._simulators[index] = Simulator(scene, self._intrinsics, self._supersample, self._rgb, self._noise)
         return self._simulators[index]
 
 
