@@ -206,32 +206,47 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
 
 
 @contextlib.contextmanager
-def locked(path: Path) -> Iterator[None]:
+def locked(path: Path, wait: bool = False) -> Iterator[None]:
     """Keep a second process out of the folder. The lock goes with the process, however it ends.
 
+    Args:
+        path: of the folder, which is made.
+        wait: until the other process is gone; it may remove the folder as it leaves.
+
     Raises:
-        RunFolderError: another process holds it.
+        RunFolderError: another process holds it, and we do not wait.
+        DataError: the folder cannot be made.
     """
+    handle = _taken(path, wait)
     try:
-        import fcntl
-    except ImportError:  # Windows has other locks; there two processes are the user's care
         yield
-        return
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDONLY)
-    except OSError as error:
-        raise DataError(f"cannot make the folder {path}: {error.strerror}; choose another --out") from error
-    try:
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _taken(path: Path, wait: bool) -> int | None:
+    """The handle that holds the lock; None where there are no such locks."""
+    while True:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.mkdir(parents=True, exist_ok=True)
+            try:
+                import fcntl
+            except ImportError:  # Windows has other locks; there two processes are the user's care
+                return None
+            handle = os.open(path, os.O_RDONLY)
         except OSError as error:
+            raise DataError(f"cannot make the folder {path}: {error.strerror}; choose another --out") from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except OSError as error:
+            os.close(handle)
             raise RunFolderError(
                 f"another process is at work in {path}; wait for it, or choose another --out"
             ) from error
-        yield
-    finally:
-        os.close(handle)
+        if path.exists() and os.path.samestat(os.fstat(handle), path.stat()):
+            return handle
+        os.close(handle)  # the folder that it is of was removed meanwhile
 
 
 def _way_out() -> str:

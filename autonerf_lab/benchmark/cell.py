@@ -1,14 +1,11 @@
 """One cell of a grid: explore, fit, evaluate, in a run folder that any other command understands."""
 
-import contextlib
 import errno
 import io
-import os
 import re
 import shutil
 import time
 import traceback
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +17,7 @@ from autonerf_lab.benchmark.results import OK, Outcome, Results, load_results
 from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import Scores
-from autonerf_lab.run_folder import load_run
+from autonerf_lab.run_folder import load_run, locked
 from autonerf_lab.types import Score
 
 PICTURES = {"walk": "explore_from_above.png", "rendering": "evaluate_comparison.png", "maps": "evaluate_overlay.png"}
@@ -43,7 +40,7 @@ def run_cell(cell: Cell, out: Path, keep: bool = False) -> str:
         DataError: no space is left: nothing more can be written down.
     """
     results = load_results(out)
-    with _alone(results.work(cell)):
+    with locked(results.work(cell), wait=True):  # one that lost its parent a moment ago may not know yet
         done = results.read(cell)
         if done is None:
             done = _attempt(cell, results, keep)
@@ -120,31 +117,3 @@ def _shrink(source: Path, target: Path) -> None:
     data = io.BytesIO()
     small.save(data, "WEBP", quality=80)
     storage.write_bytes(target, data.getvalue())
-
-
-@contextlib.contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Wait until no other process works on the cell: one that lost its parent a moment ago may not know yet.
-
-    Raises:
-        DataError: the folder cannot be made.
-    """
-    try:
-        import fcntl
-    except ImportError:  # Windows has other locks; there two runs in one folder are the user's care
-        folder.mkdir(parents=True, exist_ok=True)
-        yield
-        return
-    while True:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            handle = os.open(folder, os.O_RDONLY)
-        except OSError as error:
-            raise DataError(f"cannot make the folder {folder}: {error.strerror}") from error
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX)
-            if folder.exists() and os.path.samestat(os.fstat(handle), folder.stat()):
-                yield
-                return
-        finally:
-            os.close(handle)
