@@ -8,12 +8,13 @@ PIP_ARGS ?=
 ARGS ?=
 BIN := .venv/bin
 
-.PHONY: help setup demo lab test bench force
+.PHONY: help setup demo lab book test bench force
 
 help:
 	@echo "make demo    explore an apartment, fit a semantic NeRF to the walk, score it: runs/demo/report.html"
 	@echo "make test    lint, types, import contracts and every test, notebooks included"
 	@echo "make lab     JupyterLab on the notebooks"
+	@echo "make book    the notebooks, run and made into a site: build/book/index.html"
 	@echo "make bench   every benchmark (ARGS=--quick for a look)"
 	@echo "make setup   install everything and stop there"
 
@@ -31,8 +32,14 @@ setup: .venv/.installed-all
 demo: .venv/.installed-base
 	$(BIN)/autonerf-lab demo --scene val-0 --policy frontier --model semantic-nerfacto --preset fast --out runs/demo $(ARGS)
 
+# dash, which open3d brings, would have JupyterLab ask for a build that nothing here needs.
+NO_BUILD := --ServerApp.tornado_settings="{'page_config_data': {'buildCheck': False}}"
+
 lab: .venv/.installed-lab
-	$(BIN)/jupyter-lab notebooks $(ARGS)
+	$(BIN)/jupyter-lab notebooks $(NO_BUILD) $(ARGS)
+
+book: .venv/.installed-all
+	$(BIN)/python docs/book.py $(ARGS)
 
 test: .venv/.installed-all
 	$(BIN)/ruff check .

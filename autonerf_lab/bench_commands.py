@@ -36,7 +36,9 @@ class BenchRun:
     grid: Annotated[
         str | None, arg(metavar="GRID", help="paper, or a Python file that sets GRID; instead of names.")
     ] = None
-    navigation: Annotated[bool, arg(help="Also walk in the mesh of each cell, which takes minutes.")] = False
+    optional: Annotated[
+        str | None, arg(metavar="A,B", help="Tasks that take long: navigation (minutes a cell), finetuning (hours).")
+    ] = None
     workers: Annotated[int, arg(help="Cells at a time, which share threads and memory; 0: in this process.")] = 1
     scheduler: Annotated[str | None, arg(metavar="ADDRESS", help="Of dask.distributed: its workers run the cells.")] = (
         None
@@ -83,10 +85,12 @@ class BenchRun:
             if said:
                 raise DataError(f"--grid {self.grid} says it all: leave --{next(iter(said))} out")
             grid = load_grid(self.grid)
-            return replace(grid, preset=self.preset or grid.preset, navigation=grid.navigation or self.navigation)
+            return replace(grid, preset=self.preset or grid.preset, optional=_names(self.optional) or grid.optional)
         if "policies" not in said:
             raise DataError("name the --policies, such as random,frontier, or a --grid, such as paper")
-        return Grid(**{"scenes": ("val",), **said}, preset=preset(self.preset).name, navigation=self.navigation)
+        return Grid(
+            **{"scenes": ("val",), **said}, preset=preset(self.preset).name, optional=_names(self.optional) or ()
+        )
 
 
 @dataclass(frozen=True)

@@ -26,25 +26,26 @@ CLASS_NAMES: tuple[str, ...] = (
 )
 NUM_CLASSES = len(CLASS_NAMES)
 
-# Hues are spread for colour-blind readers and vary in lightness, so that neighbours differ in grey print too.
+# Near the colours of Okabe and Ito, moved apart until any two differ by about 10 or more (CIEDE2000), to readers with
+# all cones and to those without one kind of them.
 CLASS_COLORS: np.ndarray = np.array(
     [
         (222, 222, 222),
-        (230, 159, 0),
-        (0, 90, 150),
-        (0, 158, 115),
-        (148, 103, 189),
-        (86, 180, 233),
-        (40, 40, 40),
-        (150, 85, 30),
-        (213, 94, 0),
-        (0, 205, 205),
-        (120, 130, 150),
-        (204, 50, 60),
-        (240, 228, 66),
-        (204, 121, 167),
-        (110, 190, 60),
-        (80, 30, 100),
+        (194, 152, 55),
+        (3, 84, 147),
+        (1, 158, 115),
+        (131, 103, 157),
+        (94, 182, 233),
+        (41, 41, 41),
+        (164, 109, 75),
+        (201, 91, 7),
+        (5, 229, 241),
+        (120, 135, 206),
+        (182, 25, 38),
+        (255, 247, 131),
+        (212, 114, 161),
+        (139, 221, 47),
+        (78, 26, 96),
     ],
     dtype=np.uint8,
 )

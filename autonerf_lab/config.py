@@ -28,14 +28,16 @@ class Preset:
     refine_rays: int
     mesh_voxel: float  # metres
     visible_poses: int  # from which what there is to see in a scene is found out
+    finetuning_frames: int
+    finetuning_episodes: int
 
 
 PRESETS: dict[str, Preset] = {
     preset.name: preset
     for preset in (
-        Preset("smoke", 48, 48, 1, 60, 8, 10, 4, 50, 512, 0.05, 100),
-        Preset("fast", 128, 128, 2, 1500, 100, 100, 20, 200, 1024, 0.025, 2000),
-        Preset("paper", 320, 240, 2, 1500, 100, 100, 100, 300, 4096, 0.02, 2000),
+        Preset("smoke", 48, 48, 1, 60, 8, 10, 4, 50, 512, 0.05, 100, 2048, 4),
+        Preset("fast", 128, 128, 2, 1500, 100, 100, 20, 200, 1024, 0.025, 2000, 1_000_000, 200),
+        Preset("paper", 320, 240, 2, 1500, 100, 100, 100, 300, 4096, 0.02, 2000, 10_000_000, 1000),
     )
 }
 

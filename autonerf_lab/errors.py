@@ -20,7 +20,12 @@ class UnknownNameError(AutoNerfError, ValueError):
     """
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
-        super().__init__(f"unknown {kind} {name!r}; valid names: {', '.join(sorted(valid))}")
+        self._said = (kind, name, sorted(valid))
+        super().__init__(f"unknown {kind} {name!r}; valid names: {', '.join(self._said[2])}")
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, list[str]]]:
+        """How it leaves a worker process."""
+        return type(self), self._said
 
 
 class WrongTypeError(AutoNerfError, TypeError):

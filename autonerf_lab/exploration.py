@@ -1,6 +1,5 @@
 """Let a policy walk through a scene and keep what it saw."""
 
-import hashlib
 from dataclasses import asdict
 from typing import Any
 
@@ -11,26 +10,12 @@ from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.mapping import empty_map, update
 from autonerf_lab.policies import Policy, make_policy
-from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory
 from autonerf_lab.types import MapState
 
 MAP_SIZE = 640  # 32 m: an apartment of 15 m fits, wherever in it the robot starts
 _POLICY_STREAM = 1  # second word of the policy's seed: its draws must not repeat those of the start pose
-
-
-def scene_sha256(scene: Scene) -> str:
-    """A fingerprint of the geometry and labels of a scene, to tell whose trajectory one holds."""
-    digest = hashlib.sha256()
-    for array, dtype in (
-        (scene.vertices, "<f4"),
-        (scene.faces, "<i4"),
-        (scene.face_class, "<u1"),
-        (scene.face_instance, "<i4"),
-    ):
-        digest.update(np.ascontiguousarray(array, dtype=dtype).tobytes())
-    return digest.hexdigest()
 
 
 def explore(
@@ -107,7 +92,7 @@ def explore(
             observation = sim.observe()
     meta: dict[str, Any] = {
         "scene": sim.scene.name,
-        "scene_sha256": scene_sha256(sim.scene),
+        "scene_sha256": sim.scene.sha256,
         "policy": name,
         "seed": seed,
         "steps": steps,

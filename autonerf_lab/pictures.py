@@ -1,5 +1,6 @@
-"""Image files by other hands: looked at before they are unpacked, then made RGB, metres or classes."""
+"""Image files by other hands, looked at before they are unpacked, then made RGB, metres or classes; and data URLs."""
 
+import base64
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -141,3 +142,17 @@ def resample(array: np.ndarray, size: tuple[int, int], shrink: int = 1) -> np.nd
         for pixels, n in zip(size[::-1], array.shape, strict=True)
     )
     return array[rows[:, None], columns]
+
+
+def data_url(data: bytes, kind: str) -> str:
+    """The address of an image that a page carries in itself.
+
+    Args:
+        data: of the image file.
+        kind: ``png``, ``jpeg`` or ``webp``.
+
+    Example:
+        >>> data_url(b"abc", "png")
+        'data:image/png;base64,YWJj'
+    """
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"

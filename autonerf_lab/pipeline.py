@@ -56,7 +56,7 @@ class Workspace:
             DataError: it is not the one the run was made in.
         """
         scene = find_scene(self.run.config.scene)
-        if fingerprint(scene) != self.run.config.scene_sha256:
+        if scene.sha256 != self.run.config.scene_sha256:
             raise DataError(
                 f"{self.run.path}: scene {self.run.config.scene!r} is not the apartment it was when the run began; "
                 "begin another run"
@@ -106,13 +106,6 @@ def find_scene(name: str) -> "Scene":
     return import_scene(name) if Path(name).suffix.lower() in SCANS else load_scene(name)
 
 
-def fingerprint(scene: "Scene") -> str:
-    """What tells the geometry of a scene from any other."""
-    from autonerf_lab.exploration import scene_sha256
-
-    return scene_sha256(scene)
-
-
 def check_names(policy: str | None = None, model: str | None = None) -> None:
     """Fail before anything is made, not after ten minutes.
 
@@ -157,7 +150,7 @@ def begin(
     apartment = find_scene(scene)
     spent = time.perf_counter() - started
     where = str(Path(scene).resolve()) if Path(scene).suffix else scene  # the run may be resumed from another folder
-    config = RunConfig(where, fingerprint(apartment), policy, chosen, seed, model)
+    config = RunConfig(where, apartment.sha256, policy, chosen, seed, model)
     with locked(Path(out)):
         run = open_run(out, config, last, overwrite)
         if model is not None and run.config.model is None:
@@ -309,7 +302,10 @@ def _evaluate(work: Workspace) -> None:
     config, scene = work.run.config, work.scene
     lpips, walk = work.lpips, work.trajectory if work.yardsticks else None
     tasks = [*METRICS, *work.optional]
-    scores = evaluate(work.nerf, scene, work.preset, config.seed, tasks, trajectory=walk, lpips_weights=lpips)
+    keep = work.run / "finetuning"
+    scores = evaluate(
+        work.nerf, scene, work.preset, config.seed, tasks, trajectory=walk, lpips_weights=lpips, keep=keep
+    )
     for name, rows in scores.yardsticks.items():
         rows.save(work.run / f"yardsticks/{name}.json")
     if work.yardsticks:

@@ -32,12 +32,15 @@ def whole(text: str) -> int:
 
 @dataclass(frozen=True)
 class TrainPolicy:
-    """Train an exploration policy by PPO on the training apartments. Interrupted, the same command goes on."""
+    """Train a policy on the training apartments, by a teacher and PPO. Interrupted, the same command goes on."""
 
-    policy: Annotated[str, arg(help="modular-REWARD or e2e-REWARD, such as modular-obs.")] = "modular-obs"
-    frames: Annotated[str | None, arg(help="Actions of the robots, 1e6 or for e2e 5e5 without; more: it goes on.")] = (
-        None
-    )
+    policy: Annotated[str, arg(help="modular-REWARD or e2e-REWARD, such as modular-obs; or pointgoal.")] = "modular-obs"
+    frames: Annotated[
+        str | None, arg(help="Actions of the robots at most; without, 1.5e6, for e2e 5e5, for pointgoal 2e6.")
+    ] = None
+    start: Annotated[
+        str | None, arg(help="Begin with the weights of a policy that ships, or of a .safetensors, not with a teacher.")
+    ] = None
     workers: Annotated[int, arg(help="Processes that walk.")] = 2
     seed: Annotated[int, arg(help="Of everything.")] = 0
     out: Annotated[Path | None, arg(help="Folder of the run; runs/policies/POLICY without it.")] = None
@@ -57,6 +60,6 @@ class TrainPolicy:
             chosen["network"] = {"kind": "paper", "viewpoints": self.policy.endswith("-view")}
         settings = settings_of(self.policy, seed=self.seed, **chosen)
         out = self.out or Path("runs/policies") / self.policy
-        weights = train_policy(self.policy, out, settings, workers=self.workers)
+        weights = train_policy(self.policy, out, settings, workers=self.workers, start=self.start)
         learning_curve(read_meta(weights)["curve"], self.policy).savefig(out / "curve.png", dpi=110)
         print(f"weights: {weights}.safetensors")

@@ -18,11 +18,11 @@ Prints tables and, as the last line, one JSON object.
 """
 
 import argparse
-import hashlib
 import json
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -37,16 +37,19 @@ import torch
 from common.training import in_fresh_process, set_threads
 
 from autonerf_lab.benchmark.statistics import Runs, difference, interval
-from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage, visible_map
+from autonerf_lab.benchmark.walks import SENSOR, kept_visible_map
+from autonerf_lab.config import preset
+from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.policies import POLICIES, WEIGHTS, Policy, load_policy, make_policy
+from autonerf_lab.policies import POLICIES, Policy, load_policy, make_policy, weights_path, weights_sha256
+from autonerf_lab.policies.networks import make_view
+from autonerf_lab.policies.weights import read_meta
 from autonerf_lab.scenes import load_scene, scene_names
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.storage import read_json, write_json
 from autonerf_lab.types import MapState
 
-SENSOR = 84  # pixels a side: what the end-to-end policies look at
 UNTRAINED = "untrained "
 TRAINED_FOR = {"cov": "area", "obs": "obstacles", "sem": "semantics", "view": "viewpoints"}
 STRIDE = 5  # steps between two points of a curve that is kept
@@ -72,6 +75,8 @@ def main() -> None:
     if options.quick:
         scenes, policies, options.steps, options.starts = scenes[:1], ["random", "frontier"], 200, 1
         options.cells = Path(tempfile.mkdtemp())
+    for name in policies:
+        make(name)  # a name that is wrong fails here, not hours later
     curves = walk_all(policies, scenes, options.starts, options.steps, options.cells, options.workers)
     print_curves(curves, options.steps)
     print_differences(curves)
@@ -106,7 +111,7 @@ def walk(policy: str, scene: str, start: int, steps: int, cells: str) -> dict[st
     identity = {"policy": policy, "scene": scene, "start": start, "steps": steps, "weights": hash_of(policy)}
     if path.exists() and (kept := read_json(path))["identity"] == identity:
         return kept
-    sim, visible = everything(scene)
+    sim, visible = everything(scene, cells)
     made = explore(sim, make(policy), steps, start, progress=False)
     shares = {
         name: curve[STRIDE - 1 :: STRIDE].round(3).tolist() for name, curve in coverage(sim, made, visible).items()
@@ -121,28 +126,24 @@ def walk(policy: str, scene: str, start: int, steps: int, cells: str) -> dict[st
 
 
 @cache
-def everything(scene: str) -> tuple[Simulator, MapState]:
+def everything(scene: str, cells: str) -> tuple[Simulator, MapState]:
     """The simulator of a scene and all that is visible in it; the camera is the same for every policy."""
     sim = Simulator(load_scene(scene), Intrinsics.from_fov(SENSOR, SENSOR), supersample=1)
-    return sim, visible_map(sim)
+    return sim, kept_visible_map(sim, preset("fast").visible_poses, Path(cells) / "scenes")
 
 
 def make(policy: str) -> Policy:
     """By its name or the path of its weights; with ``untrained`` before it, its network as it was before training."""
     torch.manual_seed(0)
-    return load_policy(weights_of(policy), trained=False) if policy.startswith(UNTRAINED) else make_policy(policy)
-
-
-def weights_of(policy: str) -> Path:
-    """Where they would be, if it has any."""
-    name = policy.removeprefix(UNTRAINED)
-    return Path(name) if name.endswith(".safetensors") else WEIGHTS / f"{name}.safetensors"
+    if policy.startswith(UNTRAINED):
+        return load_policy(weights_path(policy.removeprefix(UNTRAINED)), trained=False)
+    return make_policy(policy)
 
 
 def hash_of(policy: str) -> str | None:
-    """Of the weights that a policy walks with."""
-    path = weights_of(policy)
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else None
+    """Of the weights that a policy walks with, the first digits."""
+    digest = weights_sha256(policy.removeprefix(UNTRAINED))
+    return digest and digest[:16]
 
 
 def areas_of(by_scene: dict[str, list[np.ndarray]]) -> Runs:
@@ -221,15 +222,17 @@ def steps_per_second(policy: str, workers: int, rollouts: int) -> float:
     from autonerf_lab.training.settings import settings_of
     from autonerf_lab.training.train import train_policy
 
-    settings = settings_of(policy)
-    frames = settings.actions * settings.rollout * settings.environments
-    seconds = []
+    settings = settings_of(policy, demonstrations=0)
+    decisions = settings.rollout * settings.environments
+    seconds, frames = [], []
     for count in (1, 1 + rollouts):
+        longer = replace(settings, frames=count * decisions * make_view(settings.network).follow)
         with tempfile.TemporaryDirectory() as folder:
             started = time.perf_counter()
-            train_policy(policy, folder, settings_of(policy, frames=count * frames), workers=workers, progress=False)
+            weights = train_policy(policy, folder, longer, workers=workers, progress=False)
             seconds.append(time.perf_counter() - started)
-    return rollouts * frames / (seconds[1] - seconds[0])
+            frames.append(read_meta(weights)["frames"])
+    return (frames[1] - frames[0]) / (seconds[1] - seconds[0])
 
 
 if __name__ == "__main__":

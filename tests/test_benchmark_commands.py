@@ -43,7 +43,7 @@ def test_dry_run_costs_nothing_and_knows_what_is_done(results, tmp_path, capsys)
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--policies", "frontire"], "unknown policy 'frontire'; valid names: all, frontier"),
+        (["--policies", "frontire"], "unknown policy 'frontire'; valid names: all, "),
         (["--policies", "random", "--scenes", "vla"], "unknown scene 'vla'; valid names: all, dev"),
         (["--policies", "random", "--models", "gauss"], "unknown model 'gauss'"),
         (["--policies", "random", "--preset", "fats"], "unknown preset 'fats'"),

@@ -60,7 +60,7 @@ def test_every_command_explains_itself(command, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["demo", "--policy", "frontire"], "unknown policy 'frontire'; valid names: frontier, "),
+        (["demo", "--policy", "frontire"], "unknown policy 'frontire'; valid names: e2e-cov, "),
         (
             ["demo", "--model", "gauss"],
             "unknown model 'gauss'; valid names: instant-ngp, semantic-nerf, semantic-nerfacto",

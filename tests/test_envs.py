@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.utils.env_checker import check_env
-from toy_scene import empty_room, two_rooms
+from toy_scene import empty_room, of_toy, two_rooms
 
 from autonerf_lab.envs import ENVS
 from autonerf_lab.envs.explore import ExploreEnv, local_window
@@ -17,8 +17,9 @@ from autonerf_lab.envs.waypoint import WaypointEnv
 from autonerf_lab.errors import RewardError, UnknownNameError
 from autonerf_lab.geometry import planar_from_pose, planar_pose
 from autonerf_lab.mapping import empty_map
-from autonerf_lab.policies.views import FOLLOW_STEPS, PaperView, global_input, window_of
-from autonerf_lab.scenes import Scene
+from autonerf_lab.policies.modular import Modular
+from autonerf_lab.policies.networks import CompactNetwork
+from autonerf_lab.policies.views import FOLLOW_STEPS, CompactView, PaperView, global_input, window_of
 from autonerf_lab.simulator import Noise
 
 SMALL = {
@@ -27,10 +28,6 @@ SMALL = {
     "Egocentric": {"size": 16},
     "PointGoal": {"size": 16},
 }
-
-
-def of_toy(toy) -> Scene:
-    return Scene("toy", toy.vertices, toy.faces, toy.face_class, toy.face_instance, toy.uv, bake=lambda: toy.texture)
 
 
 @pytest.fixture(scope="module")
@@ -239,6 +236,25 @@ def test_waypoints_share_the_time_of_the_episode(scene):
     env.reset(seed=0)
     ends = [env.step(np.zeros(2, np.float32))[3] for _ in range(3)]
     assert ends == [False, False, True]
+
+
+def test_a_waypoint_that_is_reached_makes_way_for_the_next(scene):
+    view = CompactView(follow=12, arrival=0.35)
+    env = WaypointEnv(scene=scene, size=32, view=view, decisions=8)
+    seen, _ = env.reset(seed=0)
+    policy = Modular(CompactView(follow=12, arrival=0.35), CompactNetwork())
+    for k in range(8):
+        blocks = np.argwhere(seen["reach"][0] > 0)
+        row, col = blocks[np.argmin(np.abs(seen["reach"][1][tuple(blocks.T)] * 10 - 1.2))]  # about 1.2 m away
+        seen, _, _, over, info = env.step(int(row * view.GRID + col))
+        away = np.linalg.norm(env.map.pose[:2, 3] - info["waypoint"])
+        assert (away < 0.35 and info["steps"] <= 12) or info["steps"] == 12
+        assert over == (k == 7)
+        # a walk ends it where training does
+        policy.waypoint, policy._age = info["waypoint"], info["steps"]
+        policy.act(env.map, env.observation)
+        assert policy._age == 1
+    assert env.observation.step < 8 * 12
 
 
 def follow_shortest(env: PointGoalEnv) -> tuple[float, dict, bool]:

@@ -32,6 +32,7 @@ def test_spl_by_hand():
     assert Walk(corner[-1], corner, 5.0, "").spl == pytest.approx(5 / 7)
     assert Walk(corner[-1], corner, 8.0, "").spl == 1, "it may stop before the goal"
     assert Walk(corner[-1], corner, 5.0, "stuck").spl == 0
+    assert Walk(corner[-1], corner, np.inf, "no way").spl == 0, "where there is no way, none is the shortest"
 
 
 def test_a_mesh_comes_back_to_where_it_was(sim):

@@ -5,7 +5,7 @@ import pytest
 from toy_scene import two_rooms
 
 from autonerf_lab.errors import SceneError, UnknownNameError
-from autonerf_lab.exploration import explore, scene_sha256
+from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.simulator import Noise, Simulator
 from autonerf_lab.trajectory import load_trajectory
@@ -51,7 +51,7 @@ def test_a_walk_survives_its_folder(tmp_path):
     assert again.meta == walk.meta == json.loads(json.dumps(walk.meta))
     np.testing.assert_array_equal(again.poses, walk.poses)
     np.testing.assert_allclose(again.depth, walk.depth, atol=0.0006)
-    assert again.meta["scene_sha256"] == scene_sha256(sim.scene)
+    assert again.meta["scene_sha256"] == sim.scene.sha256
 
 
 def test_the_same_seed_is_the_same_walk_and_another_is_not():
@@ -69,7 +69,7 @@ def test_another_scene_has_another_fingerprint():
     vertices = scene.vertices.copy()
     vertices[0, 0] += 1e-3
     moved = type(scene)("toy", vertices, scene.faces, scene.face_class, scene.face_instance, scene.uv, scene.texture)
-    assert scene_sha256(scene) == scene_sha256(two_rooms()) != scene_sha256(moved)
+    assert scene.sha256 == two_rooms().sha256 != moved.sha256
 
 
 def test_bad_requests_are_refused():

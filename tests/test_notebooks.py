@@ -51,6 +51,8 @@ def test_runs_in_smoke(path, tmp_path, monkeypatch):
     executed = execute(nbformat.read(path, as_version=4), tmp_path)
     outputs = [output for cell in executed.cells for output in cell.get("outputs", [])]
     assert any("image/png" in output.get("data", {}) for output in outputs), "figures remain without a kernel"
+    pictures = [output["metadata"].get("image/png", {}) for output in outputs if "image/png" in output.get("data", {})]
+    assert all(picture.get("alt", "").startswith("Figure") for picture in pictures), "every figure can be read aloud"
     stderr = "".join(o.text for o in outputs if o.output_type == "stream" and o.name == "stderr")
     assert "Warning" not in stderr, stderr
 

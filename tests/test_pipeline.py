@@ -30,8 +30,7 @@ def fake(monkeypatch):
 
         return run
 
-    monkeypatch.setattr(pipeline, "find_scene", lambda name: name)
-    monkeypatch.setattr(pipeline, "fingerprint", lambda scene: f"sha of {scene}")
+    monkeypatch.setattr(pipeline, "find_scene", lambda name: SimpleNamespace(name=name, sha256=f"sha of {name}"))
     monkeypatch.setattr(pipeline, "INPUTS", dict.fromkeys(STAGES, ()))
     monkeypatch.setattr(pipeline, "STAGE_FUNCTIONS", {name: stage(name) for name in STAGES})
     return SimpleNamespace(log=log, broken=broken)
@@ -132,6 +131,7 @@ def test_killed_process_is_resumed(tmp_path, stage):
     """A real kill, with a half-written file left behind."""
     code = f"""
 import os, signal
+from types import SimpleNamespace
 from autonerf_lab import pipeline
 from autonerf_lab.run_folder import STAGES
 def work(name):
@@ -143,7 +143,7 @@ def work(name):
             (work.run.path / ".run.json.half").write_text("{{")
             os.kill(os.getpid(), signal.SIGKILL)
     return run
-pipeline.find_scene = pipeline.fingerprint = lambda name: name
+pipeline.find_scene = lambda name: SimpleNamespace(sha256=name)
 pipeline.STAGE_FUNCTIONS = {{name: work(name) for name in STAGES}}
 pipeline.check_names = lambda *a, **k: None
 pipeline.begin({str(tmp_path / "run")!r}, "val-0", "frontier", "smoke")

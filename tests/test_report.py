@@ -94,9 +94,16 @@ def test_animation_has_a_still_for_paper(run):
 def test_scores_stand_beside_the_paper_and_the_yardsticks(run):
     text = re.sub(r"\s+", " ", render(run))
     assert "22.50</td> <td>25.56</td><td>19.75</td><td>14.25</td><td>–</td><td>60.00</td>" in text
-    assert "weights missing</td>" in text
+    assert "no weights</td>" in text
     assert "8.3</td>" in text  # metres become centimetres
     assert "60 s" in text or ">60<" in text  # five stages of 12 s
+
+
+def test_what_is_not_installed_is_said_with_the_way_to_get_it(run):
+    assert "--lpips-weights FILE" in render(run) and "open3d" not in render(run)
+    Scores([Score("mesh", "a_new_metric", None, status="open3d_missing")]).save(run / "yardsticks/tsdf.json")
+    text = render(run)
+    assert "<td>no open3d</td>" in text and 'pip install "autonerf-lab[open3d]"' in text
 
 
 def test_every_metric_has_a_name():

@@ -14,13 +14,14 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PYTHON_FILES = sorted(
     path
-    for folder in ("autonerf_lab", "tests", "benchmarks", "examples")
+    for folder in ("autonerf_lab", "tests", "benchmarks", "examples", "docs")
     for path in (ROOT / folder).rglob("*.py")
     if "build" not in path.parts
 )
@@ -81,6 +82,29 @@ def test_every_dependency_has_a_tested_version():
         if name != "autonerf-lab":
             assert name in pins
             assert requirement.specifier.contains(pins[name]), f"constraints.txt and pyproject.toml disagree on {name}"
+
+
+@pytest.mark.parametrize("name", ["README.md", "notebooks/00_tour.ipynb"])
+def test_the_address_of_the_repository_is_the_same_everywhere(name):
+    repository = PYPROJECT["project"]["urls"]["Repository"].removeprefix("https://github.com/")
+    found = re.findall(r"(?:colab\.research\.google\.com/github|mybinder\.org/v2/gh|git\+https://github\.com)/(\w\S+?/[\w-]+)",
+                       (ROOT / name).read_text())  # fmt: skip
+    assert len(found) >= 2 and set(found) == {repository}, f"{name} and pyproject.toml disagree on the repository"
+
+
+def test_binder_installs_what_the_notebooks_need():
+    binder = ROOT / ".binder"
+    lines = (binder / "requirements.txt").read_text().splitlines()
+    assert (binder / next(line for line in lines if line.startswith("-c ")).split()[1]).samefile(
+        ROOT / "constraints.txt"
+    )
+    extras = re.search(r"^-e \.\[(.+)\]$", lines[-1])
+    assert extras and {"notebooks", "training"} <= set(extras[1].split(",")) <= set(
+        PYPROJECT["project"]["optional-dependencies"]
+    )
+    assert os.access(binder / "postBuild", os.X_OK)
+    python = (binder / "runtime.txt").read_text().strip().removeprefix("python-")
+    assert SpecifierSet(PYPROJECT["project"]["requires-python"]).contains(python)
 
 
 def test_extras():
@@ -195,6 +219,7 @@ def test_missing_packages_without_rights_are_named_and_nothing_is_made(checkout)
     _command(checkout, "sudo", "exit 1")
     _command(checkout, "apt-get", "exit 1")
     _command(checkout, "dpkg-query", 'case "$*" in *libgomp1*) echo installed ;; *) exit 1 ;; esac')
+    _command(checkout, "google-chrome", "exit 0")  # in place of chromium
     result = _install(checkout, NO_ENSUREPIP="1")
     assert result.returncode == 1
     assert "apt-get install --no-install-recommends python3.11-venv libegl1 libgl1 libusb-1.0-0\n" in result.stderr

@@ -5,29 +5,47 @@ import signal
 from dataclasses import replace
 from functools import partial
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
 from safetensors.numpy import load_file
+from stable_baselines3.common.buffers import DictRolloutBuffer
 
 from autonerf_lab import cli
+from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError
 from autonerf_lab.geometry import planar_pose
 from autonerf_lab.mapping import empty_map
 from autonerf_lab.policies import load_policy, make_policy
-from autonerf_lab.policies.egocentric import EgocentricView
 from autonerf_lab.policies.networks import make_network
 from autonerf_lab.policies.views import CompactView
-from autonerf_lab.policies.weights import load_weights, save_weights
-from autonerf_lab.training import train
+from autonerf_lab.policies.weights import load_weights, read_meta, save_weights
+from autonerf_lab.training import imitation, train
+from autonerf_lab.training.ppo import TimedBuffer
 from autonerf_lab.training.settings import PolicySettings, settings_of
 from autonerf_lab.training.symmetry import Symmetry
 from autonerf_lab.training.workers import WorkerPool
 from autonerf_lab.trajectory import load_trajectory
 from autonerf_lab.types import Observation
 
-TINY = PolicySettings(frames=400, environments=2, rollout=2, epochs=1, batch=4, sensor=16, max_steps=50)
-RECURRENT = settings_of("e2e-cov", frames=120, environments=2, rollout=10, epochs=1, batch=8, sensor=16, max_steps=10)
+TINY = PolicySettings(
+    frames=180, demonstrations=0, environments=2, episode=2, rollout=2, epochs=1, batch=4, sensor=16, target_kl=None
+)
+RECURRENT = settings_of(
+    "e2e-cov", frames=120, environments=2, rollout=10, epochs=1, batch=8, sensor=16, episode=20, scenes=("train-00",)
+)
+TO_GOALS = settings_of(
+    "pointgoal",
+    frames=120,
+    environments=2,
+    rollout=20,
+    epochs=1,
+    batch=16,
+    episode=30,
+    demonstrations=3,
+    scenes=("dev-1",),
+)
 make_tiny = partial(train.make_env, TINY, "cov")
 
 
@@ -95,7 +113,12 @@ def weights_of(path):
 
 @pytest.mark.parametrize(
     ("name", "settings", "last"),
-    [("modular-cov", TINY, "score"), ("e2e-cur", RECURRENT, "actor"), ("e2e-rec+0.1*nov", RECURRENT, "actor")],
+    [
+        ("modular-cov", replace(TINY, demonstrations=1), "score"),
+        ("e2e-cur", RECURRENT, "actor"),
+        ("e2e-rec+0.1*nov", RECURRENT, "actor"),
+        ("pointgoal", TO_GOALS, "actor"),
+    ],
 )
 def test_stopped_and_continued_it_ends_with_the_same_bits(name, settings, last, tmp_path, monkeypatch):
     whole = train.train_policy(name, tmp_path / "whole", settings, workers=1, progress=False)
@@ -150,7 +173,7 @@ def test_a_symmetry_turns_what_is_seen_and_actions_back():
     kinds = set()
     for seed in range(12):
         seen, _ = env.reset(seed=seed)
-        kinds.add((env._swap, env._flip_x, env._flip_y))
+        kinds.add(env.turn)
         plain = CompactView().see(env.unwrapped.map)
         assert np.sort(plain["reach"][2].ravel()).tolist() == np.sort(seen["reach"][2].ravel()).tolist()
         # what is ahead of the robot stays ahead: reachable ground along the heading
@@ -170,6 +193,77 @@ def test_a_symmetry_turns_what_is_seen_and_actions_back():
     assert len(kinds) >= 6
 
 
+def test_it_learns_to_choose_as_frontier_does_and_what_that_is_worth(monkeypatch):
+    monkeypatch.setattr(imitation, "EPOCHS", 60)  # of few decisions
+    settings = replace(TINY, demonstrations=6, episode=20, sensor=32, scale=0.1)
+    view, network = make_network(settings.network)
+    decisions = imitation.demonstrate(view, settings, "cov")
+    assert decisions.returns[0] > 3 * decisions.returns[-1]  # most is found early in an episode
+    seen = {name: torch.from_numpy(values) for name, values in decisions.seen.items()}
+    actions = torch.from_numpy(decisions.actions)
+    assert (seen["reach"][:, 0].flatten(1).gather(1, actions[:, None]) > 0).all()  # all are places one can reach
+    assert not seen["reach"][:, 5].any()
+
+    def judge():
+        with torch.no_grad():
+            chances, value = network(seen)
+        error = ((value - torch.from_numpy(decisions.returns)) ** 2).mean().item()
+        return chances.log_prob(actions).mean().item(), error
+
+    chance, error = judge()
+    imitation.imitate(network, decisions, settings)
+    chance_after, error_after = judge()
+    assert chance_after > chance + 0.5
+    assert error_after < 0.5 * error
+
+
+def filled_buffer(kind, rewards, values, starts):
+    space = gymnasium.spaces.Dict({"x": gymnasium.spaces.Box(0, 1, (1,))})
+    buffer = kind(len(rewards), space, gymnasium.spaces.Discrete(2), gamma=0.9, gae_lambda=0.5, n_envs=1)
+    buffer.reset()
+    for reward, value, start in zip(rewards, values, starts, strict=True):
+        seen, action, one = {"x": np.zeros((1, 1))}, np.zeros((1, 1)), torch.zeros(1)
+        buffer.add(seen, action, np.array([reward]), np.array([start]), torch.tensor([value]), one)
+    return buffer
+
+
+def test_a_decision_of_half_the_time_is_discounted_half_as_much():
+    plain, timed = (
+        filled_buffer(kind, [1.0, 2.0, 4.0], [0.5, 1.0, 3.0], [1, 0, 1]) for kind in (DictRolloutBuffer, TimedBuffer)
+    )
+    for buffer in (plain, timed):
+        buffer.compute_returns_and_advantage(torch.tensor([[2.0]]), np.array([0.0]))
+    np.testing.assert_allclose(timed.advantages, plain.advantages, rtol=1e-6)
+    np.testing.assert_allclose(timed.returns, plain.returns, rtol=1e-6)
+    timed.durations[:, 0] = [0.5, 1.0, 2.0]
+    timed.compute_returns_and_advantage(torch.tensor([[2.0]]), np.array([0.0]))
+    last = 4 + 0.81 * 2 - 3
+    middle = 2 - 1  # the episode ends after it
+    first = 1 + 0.9**0.5 * 1 - 0.5 + 0.9**0.5 * 0.5 * middle
+    np.testing.assert_allclose(timed.advantages[:, 0], [first, middle, last], rtol=1e-6)
+
+
+def test_end_to_end_policies_have_no_demonstrations():
+    with pytest.raises(ValueError, match="demonstrations are waypoints"):
+        settings_of("e2e-cov", demonstrations=3)
+
+
+@pytest.mark.parametrize("kind", [{"kind": "compact"}, {"kind": "paper", "window": 48}])
+def test_an_action_and_its_waypoint_lead_to_the_same_place(kind):
+    view, _ = make_network(kind)
+    env = ExploreEnv(scene="train-00", size=32, rgb=False, max_steps=30, window=round(12 / view.cell))
+    env.reset(seed=1)
+    for action in [0, 1] * 15:
+        env.step(np.int64(action))
+    x, y = env.map.pose[:2, 3]
+    point = np.array([x + 0.3, y - 0.2])
+    again = view.waypoint(view.action(point, env.map), env.map)
+    np.testing.assert_allclose(again, point, atol=0.5)
+    np.testing.assert_allclose(view.waypoint(view.action(again, env.map), env.map), again, atol=1e-5)
+    if kind["kind"] == "compact":
+        assert view.action(np.array([x + 40.0, y]), env.map) is None
+
+
 def test_weights_say_what_is_wrong_with_them(tmp_path):
     _, network = make_network({"kind": "compact"})
     save_weights(tmp_path / "mine", network, {"policy": "modular-cov", "network": {"kind": "compact"}})
@@ -187,23 +281,6 @@ def test_weights_say_what_is_wrong_with_them(tmp_path):
     save_weights(tmp_path / "mine", network, {"policy": "modular-cov", "network": {"kind": "compact"}})
     with pytest.raises(DataError, match="not finite"):
         load_policy(tmp_path / "mine")
-
-
-def test_a_sequence_is_its_steps_one_by_one():
-    torch.manual_seed(0)
-    _, network = make_network({"kind": "egocentric", "memory": 16})
-    space = EgocentricView.observation_space
-    seen = {name: torch.from_numpy(np.stack([space[name].sample() for _ in range(6)])) for name in space}
-    starts = torch.tensor([1.0, 0, 0, 0, 0, 0])  # two sequences of three steps; only the first begins an episode
-    before = (torch.randn(1, 2, 16), torch.randn(1, 2, 16))
-    _, values, after = network(seen, before, starts)
-    for sequence in range(2):
-        memory = tuple(part[:, sequence : sequence + 1] for part in before)
-        for k in range(3 * sequence, 3 * sequence + 3):
-            step = {name: part[k : k + 1] for name, part in seen.items()}
-            _, value, memory = network(step, network.nothing(1) if starts[k] else memory, torch.zeros(1))
-            torch.testing.assert_close(value[0], values[k])
-        torch.testing.assert_close(memory[0][:, 0], after[0][:, sequence])
 
 
 def test_an_end_to_end_policy_remembers_an_episode_and_no_more(tmp_path):
@@ -232,3 +309,16 @@ def test_a_policy_of_ones_own_walks_by_the_path_of_its_weights(tmp_path, capsys)
     assert load_trajectory(tmp_path / "run" / "trajectory").meta["policy"].endswith("mine.safetensors")
     assert cli.main([*run[:2], f"{tmp_path}/other.safetensors", "--out", f"{tmp_path}/other"]) == 1
     assert "other.json does not exist" in capsys.readouterr().err
+
+
+def test_a_training_tells_its_curve_and_ends_when_it_is_told_to(tmp_path):
+    told = []
+    train.train_policy("modular-cov", tmp_path / "whole", TINY, workers=1, progress=False, callback=told.append)
+    assert told == read_meta(tmp_path / "whole" / "policy")["curve"] and len(told) == 4
+
+    def stop(row):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train.train_policy("modular-cov", tmp_path / "part", TINY, workers=1, progress=False, callback=stop)
+    assert not (tmp_path / "part" / "policy.json").exists()

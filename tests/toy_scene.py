@@ -11,10 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from autonerf_lab.scenes.scene import Scene
+
 TEXELS = 64  # of each quad's tile in the texture
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ToyScene:
     name: str
     vertices: np.ndarray
@@ -29,6 +31,13 @@ class ToyScene:
     @property
     def bounds(self) -> np.ndarray:
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]).astype(np.float64)
+
+    sha256 = Scene.sha256
+
+
+def of_toy(toy: ToyScene) -> Scene:
+    """The same as a scene of the package, where one is asked for."""
+    return Scene("toy", toy.vertices, toy.faces, toy.face_class, toy.face_instance, toy.uv, bake=lambda: toy.texture)
 
 
 class _Builder:

@@ -83,7 +83,7 @@ def _run(cell: Cell, results: Results, folder: Path) -> Outcome:
     if not ((folder / "run.json").exists() and load_run(folder).finished("evaluate")):
         pipeline.begin(
             folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate",
-            yardsticks=False, optional=("navigation",) if cell.navigation else (),
+            yardsticks=False, optional=cell.optional,
         )  # fmt: skip
     run = load_run(folder)
     started = time.perf_counter()

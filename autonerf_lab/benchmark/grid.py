@@ -1,6 +1,5 @@
 """A grid: which policy walks in which scene from which start, and which model learns from the walk."""
 
-import hashlib
 import re
 import runpy
 from collections.abc import Iterable
@@ -27,7 +26,10 @@ class Cell:
     start: int  # the seed of everything in it
     model: str
     preset: str
-    navigation: bool = False  # whether a robot also walks in the mesh, which takes minutes
+    optional: tuple[str, ...] = ()  # tasks that take long
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "optional", tuple(self.optional))  # JSON gives a list back
 
     @property
     def name(self) -> str:
@@ -58,12 +60,12 @@ class Grid:
     starts: int = 5
     models: tuple[str, ...] = ("semantic-nerfacto",)
     preset: str = "fast"
-    navigation: bool = False
+    optional: tuple[str, ...] = ()  # tasks that take long: navigation (minutes a cell), finetuning (hours)
 
     def cells(self) -> list[Cell]:
         """All cells, scene by scene."""
         return [
-            Cell(policy, scene, start, model, self.preset, self.navigation)
+            Cell(policy, scene, start, model, self.preset, self.optional)
             for scene, policy, start, model in product(self.scenes, self.policies, range(self.starts), self.models)
         ]
 
@@ -74,6 +76,7 @@ class Grid:
             UnknownNameError: a name that does not exist; lists the valid ones.
             DataError: a file is missing, two entries would share a name, or nothing is left to run.
         """
+        from autonerf_lab.evaluators.tasks import OPTIONAL
         from autonerf_lab.nerf.models import available
         from autonerf_lab.policies import POLICIES, make_policy
         from autonerf_lab.scenes import scene_names
@@ -97,6 +100,9 @@ class Grid:
         for model in models:
             if model not in available():
                 raise UnknownNameError("model", model, [*available(), "all"])
+        for task in self.optional:
+            if task not in OPTIONAL:
+                raise UnknownNameError("optional task", task, OPTIONAL)
         if self.starts < 1:
             raise DataError(f"starts must be at least 1, not {self.starts}")
         grid = replace(self, policies=policies, scenes=scenes, models=models, preset=preset(self.preset).name)
@@ -110,13 +116,9 @@ class Grid:
 
     def identity(self) -> dict[str, Any]:
         """What a results folder keeps, to tell this grid from any other: weights count by what is in them."""
-        from autonerf_lab.policies import WEIGHTS
+        from autonerf_lab.policies import weights_sha256
 
-        weights = {}
-        for policy in self.policies:
-            path = Path(policy) if _is_path(policy) else WEIGHTS / f"{policy}.safetensors"
-            if path.exists():
-                weights[label(policy)] = hashlib.sha256(path.read_bytes()).hexdigest()
+        weights = {label(policy): digest for policy in self.policies if (digest := weights_sha256(policy))}
         return {**{key: _plain(value) for key, value in asdict(self).items()}, "weights": weights}
 
 

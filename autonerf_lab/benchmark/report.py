@@ -1,6 +1,5 @@
 """One self-contained HTML page about one or several results folders. No script; nothing is fetched."""
 
-import base64
 import io
 from collections.abc import Sequence
 from importlib.resources import files
@@ -17,6 +16,7 @@ from autonerf_lab.benchmark.paper import PSNR
 from autonerf_lab.benchmark.publish import summary
 from autonerf_lab.benchmark.results import Outcome, Results
 from autonerf_lab.benchmark.tables import all_tables, number
+from autonerf_lab.pictures import data_url
 
 SHOWN = 3  # cells at either end
 
@@ -89,15 +89,11 @@ def _shown(outcome: Outcome, folders: Sequence[Results]) -> dict[str, Any]:
     return {
         "name": cell.name.replace("_", ", "),
         "score": f"{number(value, PSNR)} dB",
-        "pictures": [_data_url(place.read_bytes(), "webp") for place in places if place.exists()],
+        "pictures": [data_url(place.read_bytes(), "webp") for place in places if place.exists()],
     }
 
 
 def _png(figure: Figure) -> str:
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=100)
-    return _data_url(data.getvalue(), "png")
-
-
-def _data_url(data: bytes, kind: str) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+    return data_url(data.getvalue(), "png")

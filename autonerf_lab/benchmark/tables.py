@@ -195,9 +195,17 @@ TABLES: dict[str, Callable[[Collected], Table]] = {
     "differences": _differences,
     "variants": _variants,
     "navigation": _Policies(
-        "navigation", "Navigation in the mesh and in the true scene", paper.NAVIGATION, "--navigation asks for it."
+        "navigation",
+        "Navigation in the mesh and in the true scene",
+        paper.NAVIGATION,
+        "--optional navigation asks for it.",
     ),
-    "finetuning": _Policies("finetuning", "Fine-tuning a PointGoal policy in the mesh", paper.FINETUNING),
+    "finetuning": _Policies(
+        "finetuning",
+        "Fine-tuning a PointGoal policy in the mesh",
+        paper.FINETUNING,
+        "--optional finetuning asks for it.",
+    ),
     "correlations": correlations,
     "semantics": _semantics,
     "noise": _noise,

@@ -8,7 +8,7 @@ import numpy as np
 from autonerf_lab import storage
 from autonerf_lab.config import Preset
 from autonerf_lab.evaluators.coverage import area_under, coverage, visible_map
-from autonerf_lab.exploration import MAP_SIZE, scene_sha256
+from autonerf_lab.exploration import MAP_SIZE
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.rewards import REWARDS
@@ -80,7 +80,7 @@ def kept_visible_map(sim: Simulator, poses: int, cache: Path) -> MapState:
     Raises:
         DataError: the cache is damaged, or cannot be written.
     """
-    path = cache / f"{scene_sha256(sim.scene)[:16]}-{poses}.safetensors"
+    path = cache / f"{sim.scene.sha256[:16]}-{poses}.safetensors"
     if path.exists():
         arrays, header = storage.read_arrays(path)
         return MapState(**{name: _unpacked(arrays[name], header["size"]) for name in ARRAYS}, cell=header["cell"])

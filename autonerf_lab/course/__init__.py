@@ -10,11 +10,28 @@ One module holds the exercises of one notebook. In a notebook::
 
 from typing import Any
 
-from autonerf_lab.course import apartments, encodings, mapping, plans, radiance, rewards, scores
+from autonerf_lab.course import (
+    apartments,
+    captures,
+    encodings,
+    exploring,
+    learning,
+    mapping,
+    meshes,
+    plans,
+    poses,
+    radiance,
+    rewards,
+    scores,
+    statistics,
+)
 from autonerf_lab.course.exercise import Exercise, Hidden, Verdict
 from autonerf_lab.errors import UnknownNameError
 
-_NOTEBOOKS = (apartments, mapping, rewards, radiance, encodings, scores, plans)
+_NOTEBOOKS = (
+    *(apartments, mapping, exploring, rewards, learning, radiance, encodings),
+    *(scores, plans, poses, meshes, statistics, captures),
+)
 
 EXERCISES: dict[str, Exercise] = {exercise.name: exercise for module in _NOTEBOOKS for exercise in module.EXERCISES}
 

@@ -1,6 +1,5 @@
 """Things to play with that need a field: watch it learn, look around in it, plan on its map."""
 
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.course.live import Live, plain
+from autonerf_lab.course.live import Background, Live
 from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.maps import CellState
 from autonerf_lab.evaluators.nearest_view import NearestView
@@ -27,7 +26,7 @@ _DRAWINGS = 12  # of a run
 _EVERY = 25  # steps between two drawings in the background
 
 
-class Training(Live):
+class Training(Background):
     """Watch a field learn: its PSNR, and what it shows from one pose.
 
     Args:
@@ -46,28 +45,15 @@ class Training(Live):
         super().__init__()
         self._step, self._view, self._truth = step, view, truth
         self.psnr: list[float] = []  # dB, of the batch of each step
-        self._stopped, self._thread, self._error = threading.Event(), threading.Thread(), ""
-        self.buttons = {name: self.widgets.Button(description=name) for name in ("train on", "stop")}
-        self.buttons["train on"].on_click(self._train_on)
-        self.buttons["stop"].on_click(self.stop)
         self.refresh()
 
     def run(self, steps: int) -> None:
         """Train, and draw now and then. Interrupting the kernel ends it early and keeps what was learned."""
+        self.stopped.clear()
         try:
             self._run(steps, max(1, steps // _DRAWINGS))
         except KeyboardInterrupt:
             self.refresh()
-
-    def stop(self, button: object = None) -> None:
-        """End what "train on" began, and wait until the present step is done."""
-        self._stopped.set()
-        if self._thread.ident is not None:
-            self._thread.join()
-
-    def controls(self) -> list[Any]:
-        """The buttons: one trains in the background, the other ends that."""
-        return [self.widgets.HBox(list(self.buttons.values()))]
 
     def figure(self) -> Figure:
         """The curve, what the field shows, and what it should show."""
@@ -84,31 +70,21 @@ class Training(Live):
             ax.set(xticks=[], yticks=[], title=title)
         if steps.size:
             curve.legend(frameon=False, fontsize=8, loc="lower right")
-        if self._error:
-            figure.supxlabel(plain(self._error), color="#D55E00", fontsize=10, wrap=True)
+        self.say_error(figure)
         return figure
 
+    def work(self) -> None:
+        """Train until "stop"."""
+        self._run(np.inf, _EVERY)
+
     def _run(self, steps: float, every: int) -> None:
-        self._stopped.clear()
         done = 0
-        while done < steps and not self._stopped.is_set():
+        while done < steps and not self.stopped.is_set():
             self.psnr.append(float(-10 * np.log10(max(self._step(), 1e-10))))
             done += 1
             if done % every == 0:
                 self.refresh()
         self.refresh()
-
-    def _train_on(self, button: object) -> None:
-        if not self._thread.is_alive():
-            self._thread = threading.Thread(target=self._in_background, daemon=True)
-            self._thread.start()
-
-    def _in_background(self) -> None:
-        try:
-            self._run(np.inf, _EVERY)
-        except Exception as error:  # a step is code of the student's
-            self._error = f"{type(error).__name__}: {error}"
-            self.refresh()
 
 
 class Views(Live):
@@ -137,13 +113,11 @@ class Views(Live):
         self._field, self._sim, self._nearest = field, sim, NearestView(walk)
         (x0, y0, _), (x1, y1, _) = sim.scene.bounds
         x, y, heading = planar_from_pose(pose)
-        degrees = float(np.degrees(heading))
-        limits = {"x": (x0, x1, x, 0.05), "y": (y0, y1, y, 0.05), "heading": (-180.0, 180.0, degrees, 5.0)}
-        self.sliders = {}
-        for name, (low, high, value, step) in limits.items():
-            options = {"min": low, "max": high, "value": value, "step": step, "description": name}
-            self.sliders[name] = self.widgets.FloatSlider(**options, continuous_update=False)
-            self.sliders[name].observe(self.refresh, "value")
+        self.sliders = {
+            "x": self.slider("x", x0, x1, x),
+            "y": self.slider("y", y0, y1, y),
+            "heading": self.slider("heading", -180.0, 180.0, float(np.degrees(heading)), step=5.0),
+        }
         self.psnr: dict[str, float] = {}  # dB, of what is shown
         self.refresh()
 
@@ -209,13 +183,11 @@ class Plans(Live):
         self._free = grow(states == CellState.FREE, PREDICTED_DILATION, truth.grid.cell)
         self._passable = grow(truth.free, TRUE_DILATION, truth.grid.cell)
         low, high = truth.grid.centers(np.array([[0, 0], np.array(truth.grid.shape) - 1]))
-        self.sliders = {}
-        for end, place in {"start": start, "goal": goal}.items():
-            for k, axis in enumerate("xy"):
-                limits = {"min": float(low[k]), "max": float(high[k]), "step": 0.05, "value": float(place[k])}
-                slider = self.widgets.FloatSlider(**limits, description=f"{end} {axis}", continuous_update=False)
-                slider.observe(self.refresh, "value")
-                self.sliders[f"{end} {axis}"] = slider
+        self.sliders = {
+            f"{end} {axis}": self.slider(f"{end} {axis}", float(low[k]), float(high[k]), float(place[k]))
+            for end, place in {"start": start, "goal": goal}.items()
+            for k, axis in enumerate("xy")
+        }
         self.refresh()
 
     @property

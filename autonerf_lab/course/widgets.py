@@ -121,11 +121,11 @@ class Route(Live):
         high = known.origin + known.cell * (np.array([cols.max(), rows.max()]) + 0.5)
         ends = {"start": start, "goal": goal}
         self.sliders = {
-            f"{end} {axis}": self._slider(f"{end} {axis}", float(low[k]), float(high[k]), float(place[k]))
+            f"{end} {axis}": self.slider(f"{end} {axis}", float(low[k]), float(high[k]), float(place[k]))
             for end, place in ends.items()
             for k, axis in enumerate("xy")
         }
-        self.sliders["clearance"] = self._slider("clearance", 0.0, 0.5, AGENT_RADIUS)
+        self.sliders["clearance"] = self.slider("clearance", 0.0, 0.5, AGENT_RADIUS)
         self.refresh()
 
     @property
@@ -158,12 +158,6 @@ class Route(Live):
         ax.plot(*goal, "*", color=ORANGE, markeredgecolor="white", markersize=17, label="goal")
         ax.legend(loc="upper right", fontsize=9)
         return figure
-
-    def _slider(self, name: str, low: float, high: float, value: float) -> Any:
-        options = {"min": low, "max": high, "value": value, "step": 0.05, "description": name}
-        slider = self.widgets.FloatSlider(**options, continuous_update=False)
-        slider.observe(self.refresh, "value")
-        return slider
 
     def _ends(self) -> tuple[np.ndarray, np.ndarray]:
         x0, y0, x1, y1 = (slider.value for slider in list(self.sliders.values())[:4])
@@ -200,12 +194,7 @@ class Mixer(Live):
         self._walks = walks
         names = list(next(iter(walks.values())))
         chosen = {names[0]: 1.0} if weights is None else weights
-        self.sliders = {
-            name: self.widgets.FloatSlider(chosen.get(name, 0.0), min=0.0, max=2.0, step=0.05, description=name)
-            for name in names
-        }
-        for slider in self.sliders.values():
-            slider.observe(self.refresh, "value")
+        self.sliders = {name: self.slider(name, 0.0, 2.0, chosen.get(name, 0.0), while_dragged=True) for name in names}
         self.refresh()
 
     @property

@@ -15,8 +15,6 @@ from autonerf_lab.scenes import Scene, load_scene, scene_names
 from autonerf_lab.simulator import Noise, Simulator
 from autonerf_lab.types import MapState, Observation, Transition
 
-_CACHED_SIMULATORS = 4
-
 Seen = dict[str, Any]  # an observation
 ActType = TypeVar("ActType")
 
@@ -74,6 +72,12 @@ class SceneEnv(gymnasium.Env[Seen, ActType], Generic[ActType]):
         """The simulator of this episode's scene."""
         return self._sim
 
+    @property
+    def observation(self) -> Observation:
+        """What the robot saw last."""
+        assert self._observation is not None, "reset the environment first"
+        return self._observation
+
     def _begin(self, seed: int | None) -> Observation:
         """Draw a scene and a start."""
         super().reset(seed=seed)
@@ -85,12 +89,10 @@ class SceneEnv(gymnasium.Env[Seen, ActType], Generic[ActType]):
         """The robot's view, (S, S, 3) uint8, in the mode ``rgb_array``."""
         if self.render_mode != "rgb_array" or self._observation is None:
             return None
-        return self._observation.rgb if self._rgb else self._sim.render(self._sim.pose).rgb
+        return self.observation.rgb if self._rgb else self._sim.render(self._sim.pose).rgb
 
     def _simulator(self, index: int) -> Simulator:
         if index not in self._simulators:
-            if len(self._simulators) >= _CACHED_SIMULATORS:
-                self._simulators.pop(next(iter(self._simulators)))
             scene = self._scenes[index]
             if isinstance(scene, str):
                 scene = _shared(scene) if scene in scene_names() else load_scene(scene)
@@ -155,23 +157,21 @@ class MappingEnv(SceneEnv[ActType]):
         """One action of the robot: look, map, reward."""
         assert self._mapper is not None, "reset the environment first"
         place = self._sim.pose[:2, 3]
-        self._observation = self._sim.step(action)
+        self._observation = observation = self._sim.step(action)
         self._path += float(np.linalg.norm(self._sim.pose[:2, 3] - place))
-        before, after = self._mapper.add(self._observation)
-        reward = evaluate(self.reward, Transition(before, after, self._observation, action), self._reward_name)
+        before, after = self._mapper.add(observation)
+        reward = evaluate(self.reward, Transition(before, after, observation, action), self._reward_name)
         self._count_terms()
         return reward
 
     @property
     def _over(self) -> bool:
-        assert self._observation is not None
-        return self._observation.step >= self._max_steps
+        return self.observation.step >= self._max_steps
 
     def _info(self) -> dict[str, Any]:
-        assert self._observation is not None
         info = {
             "explored_m2": float(np.count_nonzero(self.map.explored)) * self.map.cell**2,
-            "collided": self._observation.collided,
+            "collided": self.observation.collided,
             "path_m": self._path,
             "scene": self._sim.scene.name,
         }

@@ -33,5 +33,4 @@ class EgocentricEnv(MappingEnv[np.int64]):
     def step(self, action: np.int64) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """One action."""
         reward = self._advance(int(action))
-        assert self._observation is not None
-        return self._view.see(self.map, self._observation, int(action)), reward, False, self._over, self._info()
+        return self._view.see(self.map, self.observation, int(action)), reward, False, self._over, self._info()

@@ -50,12 +50,11 @@ class ExploreEnv(MappingEnv[np.int64]):
         return self._seen(), reward, False, self._over, self._info()
 
     def _seen(self) -> Seen:
-        assert self._observation is not None
         return {
-            "rgb": self._observation.rgb,
-            "depth": np.minimum(self._observation.depth, np.float32(MAX_DEPTH)),
-            "semantics": self._observation.semantics,
-            "pose": self._observation.pose,
+            "rgb": self.observation.rgb,
+            "depth": np.minimum(self.observation.depth, np.float32(MAX_DEPTH)),
+            "semantics": self.observation.semantics,
+            "pose": self.observation.pose,
             "map": local_window(self.map, self._window),
         }
 

@@ -7,26 +7,30 @@ import numpy as np
 from autonerf_lab.envs.base import MappingEnv, Seen
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.planning import LocalPolicy
-from autonerf_lab.policies.views import WINDOW_METRES, PaperView, View
+from autonerf_lab.policies.views import WINDOW_METRES, PaperView, View, done
 
 
 class WaypointEnv(MappingEnv[Any]):
-    """Choose where to go; fast marching leads the robot there for as many steps as the view says, in the paper 25, and
-    their rewards are added up.
+    """Choose where to go; fast marching leads the robot there for as many steps as the view says, in the paper 25, or
+    until it arrives where the view wants that, and their rewards are added up.
 
     Observations and actions are those of a view: the paper's stacked maps and a point in the window without one.
-    ``info`` holds ``explored_m2``, ``collisions`` on the way, ``path_m``, ``waypoint`` (its world x, y) and the name of
-    the ``scene``; the whole map is ``env.unwrapped.map``.
+    ``info`` holds ``explored_m2``, ``collisions`` on the way, ``path_m``, ``waypoint`` (its world x, y), ``steps`` (how
+    many it was followed for) and the name of the ``scene``; the whole map is ``env.unwrapped.map``.
 
     Args:
         view: what the policy sees and how it names a waypoint; its cells are those of the map.
+        decisions: waypoints an episode; without it, as many as fit into ``max_steps``.
         options: of :class:`~autonerf_lab.envs.base.MappingEnv`. Colours are off unless asked for.
     """
 
-    def __init__(self, view: View | None = None, rgb: bool = False, **options: Any) -> None:
+    def __init__(
+        self, view: View | None = None, rgb: bool = False, decisions: int | None = None, **options: Any
+    ) -> None:
         self._view = view or PaperView()
         super().__init__(rgb=rgb, window=round(WINDOW_METRES / self._view.cell), **options)
         self._local = LocalPolicy()
+        self._decisions, self._decided = decisions, 0
         self.action_space = self._view.action_space
         self.observation_space = self._view.observation_space  # type: ignore[assignment]
 
@@ -35,18 +39,19 @@ class WaypointEnv(MappingEnv[Any]):
         self._begin(seed)
         self._local.reset()
         self._view.reset()
+        self._decided = 0
         x, y, _ = planar_from_pose(self.map.pose)
-        return self._view.see(self.map), self._info() | {"collisions": 0, "waypoint": np.array([x, y])}
+        return self._view.see(self.map), self._info() | {"collisions": 0, "waypoint": np.array([x, y]), "steps": 0}
 
     def step(self, action: Any) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """Follow one waypoint, for as long as the view says or to the end of the episode."""
         waypoint = self._view.waypoint(action, self.map)
-        reward, collisions = 0.0, 0
-        for _ in range(self._view.follow):
+        reward, collisions, steps = 0.0, 0, 0
+        while steps == 0 or not (self._over or done(self._view, waypoint, self.map, steps)):
             reward += self._advance(int(self._local.act(self.map, waypoint)))
-            assert self._observation is not None
-            collisions += self._observation.collided
-            if self._over:
-                break
-        info = self._info() | {"collisions": collisions, "waypoint": waypoint}
-        return self._view.see(self.map), reward, False, self._over, info
+            collisions += self.observation.collided
+            steps += 1
+        self._decided += 1
+        info = self._info() | {"collisions": collisions, "waypoint": waypoint, "steps": steps}
+        over = self._over or self._decided == self._decisions
+        return self._view.see(self.map), reward, False, over, info

@@ -46,6 +46,7 @@ def evaluate(
     progress: bool = True,
     trajectory: Trajectory | Dataset | None = None,
     lpips_weights: "str | Path | Lpips | None" = None,
+    keep: str | Path | None = None,
 ) -> Scores:
     """Score a field in its scene, or on photographs that were held out.
 
@@ -56,13 +57,15 @@ def evaluate(
             IoU of the classes, means over the photographs; ``preset`` and ``seed`` do not matter.
         preset: sizes of the tasks.
         seed: of test poses, planning episodes, random pixels and mesh samples.
-        tasks: names out of ``METRICS``, all without; and ``navigation``, which takes minutes and is asked for by name.
+        tasks: names out of ``METRICS``, all without; and those of ``OPTIONAL``, which are asked for by name:
+            ``navigation`` takes minutes, ``finetuning`` hours.
         progress: show a bar.
         trajectory: what the field was trained on. When given, ``scores.yardsticks["nearest_view"]`` says what showing
             its nearest image instead of a rendering would score, and ``["tsdf"]`` what its depth, fused, scores as a
             mesh (with the extra ``open3d``).
         lpips_weights: the file of :mod:`autonerf_lab.evaluators.lpips`, or an ``Lpips`` that has read (and checked)
             it; ``scores.weights["lpips"]`` keeps its SHA-256. Without, LPIPS has no value (of photographs: no row).
+        keep: folder of what takes hours, the trainings of ``finetuning``: interrupted, they go on there.
 
     Returns:
         One row a metric, in the order of the protocol. A value that cannot be computed is None and its ``status`` says
@@ -85,7 +88,7 @@ def evaluate(
             raise DataError("photographs hold no truth for tasks: leave tasks out, or give the scene")
         return _held_out(nerf, scene, progress, trajectory, lpips)
     size = get_preset(preset)
-    scores = _score(Run, nerf, scene, size, seed, tasks, progress, lpips)
+    scores = _score(Run, nerf, scene, size, seed, tasks, progress, lpips, keep)
     if trajectory is not None and (tasks is None or "rendering" in tasks):
         nearest: Any = NearestView(trajectory)  # it renders, and this task asks nothing else
         scores.yardsticks["nearest_view"] = evaluate(
@@ -142,6 +145,7 @@ def _score(
     tasks: Iterable[str] | None,
     progress: bool,
     lpips: Lpips | None = None,
+    keep: str | Path | None = None,
 ) -> Scores:
     names = [name for name in METRICS if name in kind.metrics] if tasks is None else list(tasks)
     for name in names:
@@ -152,7 +156,7 @@ def _score(
     scores = Scores()
     scores.weights = _weights(lpips)
     with tqdm(total=sum(steps.get(name, 1) for name in names), disable=not progress, leave=False) as bar:
-        run = kind(nerf, scene, size, seed, bar.update, lpips)
+        run = kind(nerf, scene, size, seed, bar.update, lpips, keep)
         for name in names:
             bar.set_description(name.replace("_", " "))
             scores.extend(run_task(run, name, scores.artifacts))

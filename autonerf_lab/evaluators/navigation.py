@@ -28,7 +28,7 @@ from autonerf_lab.evaluators.result import TaskResult
 from autonerf_lab.geometry import Intrinsics, cell_to_world, planar_pose, world_to_cell
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.mapping.semantic_map import MAP_CELL
-from autonerf_lab.planning.fast_marching import travel_distance
+from autonerf_lab.planning.fast_marching import path_length, travel_distance, weighted_success
 from autonerf_lab.planning.local import LocalPolicy
 from autonerf_lab.scenes.scan import import_scene
 from autonerf_lab.scenes.scene import Scene
@@ -64,8 +64,7 @@ class Walk:
     @property
     def spl(self) -> float:
         """Success weighted by path length, 0 to 1."""
-        length = float(np.linalg.norm(np.diff(self.path, axis=0), axis=1).sum())
-        return float(self.success) * self.shortest / max(length, self.shortest, 1e-9)
+        return weighted_success(self.success, path_length(self.path), self.shortest)
 
 
 def mesh_scene(mesh: "trimesh.Trimesh") -> Scene:

@@ -37,7 +37,7 @@ from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.evaluators.maps import CellState
 from autonerf_lab.evaluators.result import TaskResult
 from autonerf_lab.evaluators.truth import TrueMap
-from autonerf_lab.planning.fast_marching import descend, travel_distance
+from autonerf_lab.planning.fast_marching import descend, travel_distance, weighted_success
 
 PREDICTED_DILATION = 0.20  # metres
 TRUE_DILATION = 0.18
@@ -72,8 +72,7 @@ class Episode:
     @property
     def spl(self) -> float:
         """Success weighted by path length, 0 to 1."""
-        longest = max(self.length, self.shortest)
-        return float(self.success) * (self.shortest / longest if longest > 0 else 1.0)
+        return weighted_success(self.success, self.length, self.shortest)
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,13 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from autonerf_lab.config import Preset
+from autonerf_lab.evaluators import finetuning
 from autonerf_lab.evaluators.ceiling import TrueField
 from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.lpips import Lpips
@@ -76,6 +78,7 @@ METRICS: dict[str, dict[str, str]] = {  # task -> metric -> unit
 
 OPTIONAL: dict[str, dict[str, str]] = {  # tasks that take long: only by name
     "navigation": {"success": "%", "spl": "%", "success_true_mesh": "%", "spl_true_mesh": "%"},
+    "finetuning": dict.fromkeys(finetuning.METRICS, "%"),
 }
 
 
@@ -85,9 +88,17 @@ class Run:
     metrics: ClassVar = METRICS | OPTIONAL
 
     def __init__(
-        self, field: Field, scene: "Scene", preset: Preset, seed: int, tick: Callable[[], Any], lpips: Lpips | None
+        self,
+        field: Field,
+        scene: "Scene",
+        preset: Preset,
+        seed: int,
+        tick: Callable[[], Any],
+        lpips: Lpips | None,
+        keep: str | Path | None = None,
     ) -> None:
         self.field, self.scene, self.preset, self.seed, self.tick, self.lpips = field, scene, preset, seed, tick, lpips
+        self.keep = keep
 
     @cached_property
     def sim(self) -> "Simulator":
@@ -143,6 +154,10 @@ class Run:
 
     def navigation(self) -> TaskResult:
         return evaluate_navigation(self.surface, self.scene, self.preset.planning_starts, self.seed)
+
+    def finetuning(self) -> TaskResult:
+        frames, episodes = self.preset.finetuning_frames, self.preset.finetuning_episodes
+        return finetuning.evaluate_finetuning(self.surface, self.scene, frames, episodes, self.seed, self.keep)
 
 
 def run_task(run: Run, name: str, artifacts: dict[str, Any]) -> list[Score]:

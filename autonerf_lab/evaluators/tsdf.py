@@ -5,6 +5,7 @@ mean over the images is zero. Poses are those of the walk, depth that of its sen
 from colours and classes stands beside what could be measured.
 """
 
+import os
 from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -54,6 +55,7 @@ def fuse(walk: Trajectory, voxel: float, min_triangles: int = MIN_TRIANGLES) -> 
     if walk.depth is None:
         raise DataError("this walk has no depth to fuse: walk again with `lab.explore`, which keeps it")
     try:
+        os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")  # which it would announce in a notebook
         o3d: Any = import_module("open3d")  # here, because it takes seconds
     except (ImportError, OSError) as error:  # OSError: a library of the system is missing
         raise MissingPackageError(

@@ -94,6 +94,23 @@ def path_length(path: np.ndarray, cell: float = 1.0) -> float:
     return float(np.linalg.norm(np.diff(np.asarray(path, dtype=np.float64), axis=0), axis=1).sum() * cell)
 
 
+def weighted_success(success: bool, length: float, shortest: float) -> float:
+    """Success weighted by path length, 0 to 1: the mean over episodes is SPL (Anderson et al. 2018).
+
+    Args:
+        success: of the episode; a failure is 0 whatever its lengths.
+        length: of the path, metres.
+        shortest: of the shortest one, metres.
+
+    Example:
+        >>> weighted_success(True, 4.0, 3.0), weighted_success(True, 2.9, 3.0), weighted_success(False, 4.0, 3.0)
+        (0.75, 1.0, 0.0)
+    """
+    if not success:
+        return 0.0
+    return min(1.0, shortest / length) if length > 0 else 1.0
+
+
 @njit(cache=True, nogil=True)
 def _march(free: np.ndarray, goal: np.ndarray, stop: int, distance: np.ndarray) -> None:
     """Writes ``distance`` in cells; it must come filled with inf.

@@ -1,15 +1,32 @@
 """The policies, by name."""
 
+import hashlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.policies.base import Policy
 from autonerf_lab.policies.frontier import Frontier
 from autonerf_lab.policies.random_walk import RandomWalk, RandomWaypoints
 
 WEIGHTS = Path(__file__).parent / "weights"
+
+
+def weights_path(policy: str) -> Path:
+    """Where the weights of a policy would be if it has any: of a name among those that ship, of a path there.
+
+    Example:
+        >>> weights_path("frontier").exists(), weights_path("mine/policy.safetensors").as_posix()
+        (False, 'mine/policy.safetensors')
+    """
+    return Path(policy) if policy.endswith(".safetensors") else WEIGHTS / f"{policy}.safetensors"
+
+
+def weights_sha256(policy: str) -> str | None:
+    """What tells the weights of a policy from others, in hexadecimal; None for one without."""
+    path = weights_path(policy)
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else None
 
 
 def load_policy(path: str | Path, trained: bool = True) -> Policy:
@@ -20,15 +37,17 @@ def load_policy(path: str | Path, trained: bool = True) -> Policy:
         trained: False for the same network as it was before training, what a training has to beat.
 
     Raises:
-        DataError: missing, damaged, or made for another network.
+        DataError: missing, damaged, made for another network, or a policy that goes to places and does not explore.
     """
     # torch: not for those who walk without it
     from autonerf_lab.policies.end_to_end import EndToEnd
     from autonerf_lab.policies.modular import Modular
-    from autonerf_lab.policies.networks import EgocentricNetwork, make_network
+    from autonerf_lab.policies.networks import EgocentricNetwork, GoalNetwork, make_network
     from autonerf_lab.policies.weights import load_weights, read_meta
 
     view, network = make_network(read_meta(path)["network"])
+    if isinstance(network, GoalNetwork):
+        raise DataError(f"{path} holds a policy that goes to a place it is told; it does not explore")
     if trained:
         load_weights(path, network)
     return EndToEnd(view, network) if isinstance(network, EgocentricNetwork) else Modular(view, network)
@@ -60,4 +79,15 @@ def make_policy(name: str) -> Policy:
     return POLICIES[name]()
 
 
-__all__ = ["POLICIES", "WEIGHTS", "Frontier", "Policy", "RandomWalk", "RandomWaypoints", "load_policy", "make_policy"]
+__all__ = [
+    "POLICIES",
+    "WEIGHTS",
+    "Frontier",
+    "Policy",
+    "RandomWalk",
+    "RandomWaypoints",
+    "load_policy",
+    "make_policy",
+    "weights_path",
+    "weights_sha256",
+]

@@ -33,6 +33,7 @@ class EgocentricView:
         ((2, 32, 32), [0.0, 1.0, 0.0, 0.0])
     """
 
+    follow = 1  # actions a decision
     cell = 0.1  # metres, of the maps it is trained on; finer ones are pooled
     IMAGE = 84
     GRID = 32

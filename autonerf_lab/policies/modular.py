@@ -5,7 +5,7 @@ import torch
 
 from autonerf_lab.planning.local import LocalPolicy
 from autonerf_lab.policies.networks import draw
-from autonerf_lab.policies.views import View
+from autonerf_lab.policies.views import View, done
 from autonerf_lab.types import MapState, Observation
 
 
@@ -43,7 +43,7 @@ class Modular:
 
     def act(self, map: MapState, observation: Observation) -> int:
         """Towards the waypoint."""
-        if self.waypoint is None or self._age >= self.view.follow:
+        if self.waypoint is None or done(self.view, self.waypoint, map, self._age):
             self.waypoint = self._choose(map)
             self._age = 0
         self._age += 1

@@ -29,7 +29,8 @@ class View(Protocol):
     """Observations and actions of a global policy."""
 
     cell: float  # metres, of the maps it is trained on; finer ones are pooled
-    follow: int  # actions of the local policy until the next waypoint
+    follow: int  # actions of the local policy until the next waypoint, at most
+    arrival: float  # metres from a waypoint at which the next is due; 0: only time decides
     observation_space: spaces.Dict
     action_space: spaces.Space[Any]
 
@@ -41,6 +42,9 @@ class View(Protocol):
 
     def waypoint(self, action: Any, map: MapState) -> np.ndarray:
         """(2,) world x, y of an action that was chosen for this map."""
+
+    def action(self, point: np.ndarray, map: MapState) -> Any:
+        """The action that leads nearest to a point, (2,) world x, y; None where none leads near."""
 
 
 class PaperView:
@@ -56,7 +60,7 @@ class PaperView:
 
     def __init__(self, window: int = 240, viewpoints: bool = False) -> None:
         self.window, self._viewpoints = window, viewpoints
-        self.follow = FOLLOW_STEPS
+        self.follow, self.arrival = FOLLOW_STEPS, 0.0
         self.cell = WINDOW_METRES / window
         self.channels = 8 + NUM_CLASSES + 2 * VIEWPOINT_BINS * viewpoints
         self.action_space: spaces.Space[Any] = spaces.Box(-1, 1, (2,), np.float32)
@@ -81,14 +85,20 @@ class PaperView:
         inside = (np.clip(np.asarray(action, np.float64), -1, 1) + 1) / 2 * self.window
         return map.origin + (inside + np.array([cols.start, rows.start])) * map.cell
 
+    def action(self, point: np.ndarray, map: MapState) -> np.ndarray:
+        """Where the point lies in the window, or the border next to it."""
+        rows, cols = window_of(map, self.window)
+        inside = (point - map.origin) / map.cell - np.array([cols.start, rows.start])
+        return np.clip(inside / self.window * 2 - 1, -1, 1).astype(np.float32)
+
 
 class CompactView:
     """16 m around the robot in 32 x 32 blocks of 50 cm; a waypoint is a block.
 
     Observation: ``map`` (19, 32, 32) float32, the share of each block that is occupied, explored, visited, of the 15
     classes, and occupied without a class. ``heading`` (2,), its cosine and sine. ``reach`` (6, 32, 32) float32, about
-    one place a block, that of the reachable ground nearest to its middle, where up to 1.5 m of what nobody has seen are
-    taken for free (who stops where the known ends does not get on):
+    one place a block, that of the reachable ground nearest to its middle, 0.6 m or more away, where up to 1.5 m of what
+    nobody has seen are taken for free (who stops where the known ends does not get on):
 
     0. whether there is one; 1. the way there, 10 m;
     2. to 4. by :func:`~autonerf_lab.policies.gain.outlook` what could be seen from it, 10 m²: unseen ground, ground
@@ -99,7 +109,8 @@ class CompactView:
     Action: the block, row times 32 plus column.
 
     Args:
-        follow: actions of the local policy until the next waypoint.
+        follow: actions of the local policy until the next waypoint, at most.
+        arrival: metres from a waypoint at which the next is due: who waits for the end of his time only turns about.
 
     Example:
         >>> from autonerf_lab.geometry import planar_pose
@@ -108,8 +119,8 @@ class CompactView:
         >>> seen = view.see(map)
         >>> seen["reach"][0, 16, 10:22].astype(int)  # the robot knows nothing but where it stands
         array([0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0, 0])
-        >>> view.waypoint(16 * 32 + 16, map)
-        array([0.25, 0.25])
+        >>> view.waypoint(16 * 32 + 18, map)
+        array([1.25, 0.25])
     """
 
     cell = 0.1
@@ -120,9 +131,11 @@ class CompactView:
     REACH = 6  # channels of what is known about a place
     BEYOND = 15  # cells into the unknown
     NEAR = 0.5  # metres between places that are tried together
+    ACROSS = 0.5  # metres from a point to the place that stands for it
+    AWAY = 0.6  # metres from the robot to the nearest place: who chooses where he stands chooses again at once
 
-    def __init__(self, follow: int = FOLLOW_STEPS) -> None:
-        self.follow = follow
+    def __init__(self, follow: int = 12, arrival: float = 0.35) -> None:
+        self.follow, self.arrival = follow, arrival
         self.reset()
         self.action_space: spaces.Space[Any] = spaces.Discrete(self.GRID**2)
         self.observation_space = spaces.Dict(
@@ -172,6 +185,14 @@ class CompactView:
         self._chosen.append(self._points(place, map))
         return self._chosen[-1]
 
+    def action(self, point: np.ndarray, map: MapState) -> int | None:
+        """The block whose place is nearest to the point, within half a metre."""
+        places = self._places(self._known(map))[0]
+        blocks = np.argwhere(places[..., 0] >= 0)
+        away = np.linalg.norm(self._points(places[tuple(blocks.T)], map) - point, axis=1)
+        row, col = blocks[np.argmin(away)]
+        return int(row * self.GRID + col) if away.min() <= self.ACROSS else None
+
     def _points(self, cells: np.ndarray, map: MapState) -> np.ndarray:
         """World x, y of cells of the window."""
         top, left, _ = self._window(map)
@@ -198,7 +219,9 @@ class CompactView:
         free[middle - 1 : middle + 2, middle - 1 : middle + 2] = True
         free |= travel_distance(free | (~explored & clear), free) <= self.BEYOND
         distance = travel_distance(free, np.array([[middle, middle]]), self.cell)
-        return _nearest_to_middle(np.isfinite(distance), self.BLOCK), distance
+        reachable = np.isfinite(distance)
+        away = reachable & (distance >= self.AWAY)
+        return _nearest_to_middle(away if away.any() else reachable, self.BLOCK), distance
 
 
 @njit(cache=True, nogil=True)
@@ -252,6 +275,12 @@ def _nearest_to_middle(mask: np.ndarray, block: int) -> np.ndarray:
                         nearest = away
                         places[i, j, 0], places[i, j, 1] = i * block + r, j * block + c
     return places
+
+
+def done(view: View, waypoint: np.ndarray | None, map: MapState, steps: int) -> bool:
+    """Whether a waypoint that was followed for so many steps, one at least, makes way for the next."""
+    reached = waypoint is not None and float(np.linalg.norm(map.pose[:2, 3] - waypoint)) < view.arrival
+    return steps > 0 and (reached or steps >= view.follow)
 
 
 def window_of(map: MapState, window: int) -> tuple[slice, slice]:

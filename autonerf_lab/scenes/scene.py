@@ -1,5 +1,6 @@
 """A scene: one textured triangle mesh whose every face knows its class and its object."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -60,6 +61,19 @@ class Scene:
         """(2, 3) float64, lower and upper corner, metres."""
         used = self.vertices[self.faces.reshape(-1)].astype(np.float64)
         return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @cached_property
+    def sha256(self) -> str:
+        """A fingerprint of geometry and labels, in hexadecimal: tells whose trajectory one holds."""
+        digest = hashlib.sha256()
+        for array, dtype in (
+            (self.vertices, "<f4"),
+            (self.faces, "<i4"),
+            (self.face_class, "<u1"),
+            (self.face_instance, "<i4"),
+        ):
+            digest.update(np.ascontiguousarray(array, dtype=dtype).tobytes())
+        return digest.hexdigest()
 
     @cached_property
     def instances(self) -> list[Instance]:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -28,6 +29,21 @@ class Frame:
     depth: np.ndarray  # (H, W) float32, metres along the axis through the pixel centre, 0 = none
     semantics: np.ndarray  # (H, W) uint8, class at the pixel centre
     instances: np.ndarray  # (H, W) int32, object at the pixel centre, 0 = structure or none
+
+
+class _Ground:
+    """What simulators of one scene share: most of the time of making one goes into this."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.navigation: NavigationGrid = build_navigation(scene)
+        self.triangles = np.ascontiguousarray(scene.vertices[scene.faces], dtype=np.float32)
+        self.chunks = chunk_bounds(self.triangles)
+        # Face -1 is "no surface": it reads the last entry.
+        self.classes = np.append(scene.face_class, 0).astype(np.uint8)
+        self.instances = np.append(scene.face_instance, 0).astype(np.int32)
+
+
+_grounds: "WeakKeyDictionary[Scene, _Ground]" = WeakKeyDictionary()
 
 
 class Simulator:
@@ -70,13 +86,13 @@ class Simulator:
         self.supersample = supersample
         self.rgb = rgb
         self.noise = noise or _NO_NOISE
-        self.navigation: NavigationGrid = build_navigation(scene)
-        self._triangles = np.ascontiguousarray(scene.vertices[scene.faces], dtype=np.float32)
-        self._chunks = chunk_bounds(self._triangles)
+        if scene not in _grounds:
+            _grounds[scene] = _Ground(scene)
+        ground = _grounds[scene]
+        self.navigation = ground.navigation
+        self._triangles, self._chunks = ground.triangles, ground.chunks
+        self._classes, self._instances = ground.classes, ground.instances
         self._gloss = gloss_of(scene) if gloss else NONE
-        # Face -1 is "no surface": it reads the last entry.
-        self._classes = np.append(scene.face_class, 0).astype(np.uint8)
-        self._instances = np.append(scene.face_instance, 0).astype(np.int32)
         width, height = self.intrinsics.width, self.intrinsics.height
         self._fine_intrinsics = self.intrinsics.resized(width * supersample, height * supersample)
         self._face = np.empty((height, width), np.int32)

@@ -11,16 +11,18 @@ from sb3_contrib import RecurrentPPO
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import DictRolloutBuffer
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
+from autonerf_lab.policies.networks import RECURRENT
 from autonerf_lab.training.settings import PolicySettings
 from autonerf_lab.training.workers import WorkerPool
 
 
-class NetworkPolicy(BasePolicy):
-    """What PPO asks of a policy, answered by a network that returns a distribution and a value.
+class _Networked(BasePolicy):
+    """A policy that is a network of this project, with Adam.
 
     Args:
         observation_space: of the view.
@@ -37,9 +39,13 @@ class NetworkPolicy(BasePolicy):
         network: Callable[[], torch.nn.Module],
         use_sde: bool = False,
     ) -> None:
-        super().__init__(observation_space, action_space)
+        BasePolicy.__init__(self, observation_space, action_space)  # that of an actor-critic would make other networks
         self.network: torch.nn.Module = network()
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=lr_schedule(1), eps=1e-5)
+
+
+class NetworkPolicy(_Networked):
+    """What PPO asks of a policy, answered by a network that returns a distribution and a value."""
 
     def forward(self, obs: Any, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
         """Actions, values, log-probabilities."""
@@ -60,20 +66,8 @@ class NetworkPolicy(BasePolicy):
         return self.forward(observation, deterministic)[0]
 
 
-class RecurrentNetworkPolicy(RecurrentActorCriticPolicy):
+class RecurrentNetworkPolicy(_Networked, RecurrentActorCriticPolicy):
     """What recurrent PPO asks of a policy: as :class:`NetworkPolicy`, with a memory that actor and critic share."""
-
-    def __init__(
-        self,
-        observation_space: spaces.Space[Any],
-        action_space: spaces.Space[Any],
-        lr_schedule: Schedule,
-        network: Callable[[], torch.nn.Module],
-        use_sde: bool = False,
-    ) -> None:
-        BasePolicy.__init__(self, observation_space, action_space)  # its own would make other networks
-        self.network: torch.nn.Module = network()
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=lr_schedule(1), eps=1e-5)
 
     @property
     def lstm_actor(self) -> torch.nn.LSTM:  # type: ignore[override]
@@ -105,6 +99,32 @@ class RecurrentNetworkPolicy(RecurrentActorCriticPolicy):
         return value[:, None]
 
 
+class TimedBuffer(DictRolloutBuffer):
+    """A rollout of decisions that take different times: what follows one is discounted by gamma ** duration.
+
+    Advantages are those of Schulman et al. 2016, equation 16, for a semi-Markov process (Sutton et al. 1999).
+    """
+
+    durations: np.ndarray  # (rollout, environments), in decisions of full length; set while it fills
+
+    def reset(self) -> None:
+        """Begin a rollout."""
+        super().reset()
+        self.durations = np.ones((self.buffer_size, self.n_envs), np.float32)
+
+    def compute_returns_and_advantage(self, last_values: Tensor, dones: np.ndarray) -> None:
+        """Advantages, and returns as their sums with the values; ``last_values`` are those after the last decision."""
+        values = np.concatenate([self.values, last_values.numpy(force=True).reshape(1, -1)])
+        goes_on = 1 - np.concatenate([self.episode_starts[1:], dones[None]]).astype(np.float32)
+        discount = self.gamma**self.durations * goes_on
+        following = np.zeros(self.n_envs, np.float32)
+        for k in reversed(range(self.buffer_size)):
+            surprise = self.rewards[k] + discount[k] * values[k + 1] - values[k]
+            following = surprise + discount[k] * self.gae_lambda * following
+            self.advantages[k] = following
+        self.returns = self.advantages + self.values
+
+
 def make_ppo(
     pool: WorkerPool, network: Callable[[], torch.nn.Module], settings: PolicySettings, log: Path | None
 ) -> PPO | RecurrentPPO:
@@ -126,14 +146,14 @@ def make_ppo(
         "seed": settings.seed,
         "device": "cpu",
     }
-    if settings.network["kind"] == "egocentric":
+    if settings.network["kind"] in RECURRENT:
         return RecurrentPPO(RecurrentNetworkPolicy, pool, **options)
-    return PPO(NetworkPolicy, pool, **options)  # type: ignore[arg-type]
+    return PPO(NetworkPolicy, pool, rollout_buffer_class=TimedBuffer, **options)  # type: ignore[arg-type]
 
 
 def network_of(ppo: PPO | RecurrentPPO) -> torch.nn.Module:
     """The network that is trained."""
-    assert isinstance(ppo.policy, NetworkPolicy | RecurrentNetworkPolicy)
+    assert isinstance(ppo.policy, _Networked)
     return ppo.policy.network
 
 
@@ -154,9 +174,11 @@ def restore(ppo: PPO | RecurrentPPO, arrays: dict[str, np.ndarray]) -> None:
         KeyError: a number is missing.
     """
     network, optimizer = network_of(ppo), ppo.policy.optimizer
+    begun = any(name.startswith("adam/") for name in arrays)  # after imitation PPO has not
     with torch.no_grad():
         for name, value in network.named_parameters():
             value.copy_(torch.from_numpy(arrays[f"parameter/{name}"]))
-            optimizer.state[value] = {
-                key: torch.from_numpy(arrays[f"adam/{name}/{key}"]) for key in ("step", "exp_avg", "exp_avg_sq")
-            }
+            if begun:
+                optimizer.state[value] = {
+                    key: torch.from_numpy(arrays[f"adam/{name}/{key}"]) for key in ("step", "exp_avg", "exp_avg_sq")
+                }

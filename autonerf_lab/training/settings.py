@@ -1,15 +1,14 @@
 """What is learned, and how."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from autonerf_lab.errors import UnknownNameError
-from autonerf_lab.policies.views import FOLLOW_STEPS
 
-# Rewards come in units of their own; ``scale`` brings a good episode's sum to about ten. An episode is as long as there
-# is something to find: area is seen in a quarter of a walk.
+# Rewards come in units of their own; ``scale`` brings a good episode's sum to about ten.
 _MODULAR: dict[str, dict[str, Any]] = {
-    "cov": {"scale": 0.1, "max_steps": 400, "rollout": 16},
+    "cov": {"scale": 0.1},
     "obs": {"scale": 0.4},
     "sem": {"scale": 0.4},
     "view": {"scale": 0.02},
@@ -23,49 +22,67 @@ _END_TO_END: dict[str, dict[str, Any]] = {
 # Ramakrishnan et al. 2021, appendix, where two cores allow it.
 _OF_END_TO_END: dict[str, Any] = {
     "frames": 500_000,
-    "rollout": 128,
-    "batch": 512,
+    "demonstrations": 0,
+    "environments": 8,
+    "rollout": 256,
+    "batch": 1024,
     "lr": 5e-4,
     "gamma": 0.99,
     "entropy": 0.01,
-    "max_steps": 512,
+    "target_kl": None,
+    "episode": 512,
     "sensor": 84,
     "network": {"kind": "egocentric"},
 }
-NETWORKS = ("compact", "paper")
+POINTGOAL = "pointgoal"  # the policy that goes to a place
+# As the PointGoal agents of Habitat (Savva et al. 2019), after learning the way.
+_OF_POINTGOAL: dict[str, Any] = {
+    "frames": 2_000_000,
+    "demonstrations": 10_000,
+    "rollout": 128,
+    "batch": 1024,
+    "lr": 2.5e-4,
+    "gamma": 0.99,
+    "entropy": 0.01,
+    "episode": 500,
+    "network": {"kind": "goal"},
+}
 
 
 @dataclass(frozen=True)
 class PolicySettings:
     """A run of PPO. A decision is a waypoint or an action."""
 
-    frames: int = 1_000_000  # actions of the robots
+    frames: int = 1_500_000  # actions of the robots, at most: a waypoint that is reached early takes fewer
     seed: int = 0
-    environments: int = 8  # divided among the workers
-    rollout: int = 20  # decisions of every environment between two updates; divides those of an episode
+    demonstrations: int = 80  # episodes with a teacher before PPO: frontier exploration, or who knows the shortest way
+    environments: int = 16  # divided among the workers
+    episode: int = 100  # decisions
+    rollout: int = 100  # decisions of every environment between two updates: whole episodes, or all see the same phase
     epochs: int = 4
-    batch: int = 32
-    lr: float = 1e-3  # falls linearly to zero
-    gamma: float = 0.97
+    batch: int = 200
+    lr: float = 3e-4  # falls linearly to zero
+    gamma: float = 0.98  # a decision of full length
     gae: float = 0.95
     clip: float = 0.2
     entropy: float = 0.001
     value: float = 0.5
-    target_kl: float | None = None  # epochs end early when the policy has moved so far
+    target_kl: float | None = 0.02  # epochs end early when the policy has moved so far
     max_grad_norm: float = 0.5
     scale: float = 1.0  # of the reward
-    max_steps: int = 1000  # of an episode
     sensor: int = 64  # pixels a side
+    scenes: tuple[str, ...] = ()  # names; the training apartments without
     network: dict[str, Any] = field(default_factory=lambda: {"kind": "compact"})
 
-    @property
-    def actions(self) -> int:
-        """Of the robot, a decision."""
-        return 1 if self.network["kind"] == "egocentric" else int(self.network.get("follow", FOLLOW_STEPS))
+    def __post_init__(self) -> None:
+        if self.demonstrations and self.network["kind"] == "egocentric":
+            raise ValueError("demonstrations are waypoints, which an end-to-end policy does not choose; set them to 0")
 
 
 def settings_of(policy: str, **chosen: Any) -> PolicySettings:
-    """The settings of a policy by its name, ``modular-<reward>`` or ``e2e-<reward>``; a reward of your own is welcome.
+    """The settings of a policy by its name, ``modular-<reward>``, ``e2e-<reward>`` or ``pointgoal``.
+
+    A reward of your own is welcome.
 
     Args:
         policy: its name.
@@ -75,24 +92,27 @@ def settings_of(policy: str, **chosen: Any) -> PolicySettings:
         UnknownNameError: not the name of a policy that is trained.
 
     Example:
-        >>> settings_of("modular-cov", frames=1000).max_steps
-        400
+        >>> settings_of("modular-cov", frames=1000).scale
+        0.1
     """
+    if policy == POINTGOAL:
+        return PolicySettings(**{**_OF_POINTGOAL, **chosen})
     kind, _, reward = policy.partition("-")
     if kind not in ("modular", "e2e") or not reward:
         names = [f"modular-{name}" for name in _MODULAR] + [f"e2e-{name}" for name in _END_TO_END]
-        raise UnknownNameError("policy to train", policy, names)
+        raise UnknownNameError("policy to train", policy, [*names, POINTGOAL])
     own = _MODULAR.get(reward, {}) if kind == "modular" else _OF_END_TO_END | _END_TO_END.get(reward, {})
     return PolicySettings(**{**own, **chosen})
 
 
-def command_of(policy: str, settings: PolicySettings) -> str | None:
+def command_of(policy: str, settings: PolicySettings, start: str | Path | None = None) -> str | None:
     """The command line that trains it; None where the settings are others than a command can name.
 
     Example:
         >>> command_of("modular-obs", settings_of("modular-obs", seed=3))
-        'autonerf-lab train-policy --policy modular-obs --frames 1000000 --seed 3'
+        'autonerf-lab train-policy --policy modular-obs --frames 1500000 --seed 3'
     """
     named = settings_of(policy, frames=settings.frames, seed=settings.seed)
     command = f"autonerf-lab train-policy --policy {policy} --frames {settings.frames} --seed {settings.seed}"
+    command += f" --start {start}" if start else ""
     return command if settings == named else None

@@ -36,6 +36,7 @@ def _figure(width: float, height: float) -> Figure:
 def nothing(text: str = "this task could not be computed") -> Figure:
     """What stands in the place of a figure that cannot be drawn."""
     figure = _figure(6, 2)
+    figure.subplots().axis("off")  # a notebook does not show a figure without axes
     figure.text(0.5, 0.5, text, ha="center", va="center")
     return figure
 

@@ -3,7 +3,6 @@
 Nothing outside the page is asked for: it plays without kernel, server or network.
 """
 
-import base64
 import io
 from collections.abc import Sequence
 from importlib.resources import files
@@ -14,6 +13,7 @@ from PIL import Image
 
 from autonerf_lab.classes import CLASS_COLORS, CLASS_NAMES
 from autonerf_lab.mapping.semantic_map import MAP_CELL
+from autonerf_lab.pictures import data_url
 from autonerf_lab.viz.retrace import EXPLORED, FRONTIER, OCCUPIED, PALETTE, Retraced
 from autonerf_lab.viz.walk_picture import BODY, COLORS, REACH, area_ticks, half_view, union_box
 
@@ -132,7 +132,7 @@ def _rgb(view: np.ndarray) -> str:
     image, data = Image.fromarray(view), io.BytesIO()
     image.thumbnail((_MAX_SIDE, _MAX_SIDE))
     image.save(data, "WEBP", quality=80, method=2)
-    return "data:image/webp;base64," + base64.b64encode(data.getvalue()).decode()
+    return data_url(data.getvalue(), "webp")
 
 
 def _indexed(picture: np.ndarray, palette: np.ndarray) -> str:
@@ -143,4 +143,4 @@ def _indexed(picture: np.ndarray, palette: np.ndarray) -> str:
         image.thumbnail((_MAX_SIDE, _MAX_SIDE), Image.Resampling.NEAREST)
     transparency = {"transparency": 0} if palette.shape[1] == 4 else {}
     image.save(data, "PNG", **transparency)
-    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()
+    return data_url(data.getvalue(), "png")

@@ -3,7 +3,6 @@
 Pictures are embedded, there is no script and nothing is fetched; all text goes through autoescape.
 """
 
-import base64
 import io
 import platform
 from dataclasses import asdict, dataclass, replace
@@ -16,12 +15,14 @@ from PIL import Image
 from autonerf_lab import __version__, storage
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.scores import PAPER, Scores
+from autonerf_lab.pictures import data_url
 from autonerf_lab.run_folder import STAGES, RunFolder
 from autonerf_lab.types import Score
 from autonerf_lab.viz.gallery import Picture, read_gallery
 
 YARDSTICKS = ("nearest_view", "tsdf", "ceiling")
 _NO_VALUE = "–"
+_MISSING = "_missing"  # ends the status of a score that wants something which is not installed; the template says how
 
 
 @dataclass(frozen=True)
@@ -165,6 +166,7 @@ def render(run: RunFolder) -> str:
         sections=_sections(run),
         tiles=_tiles(scores),
         table=score_table(scores, others),
+        statuses={row.status for rows in (scores, *others.values()) for row in rows},
         cost=_cost(run),
         total_seconds=f"{sum(row['seconds'] for row in run.stages.values()):.0f}",
         version=__version__,
@@ -179,10 +181,12 @@ def number(key: tuple[str, str], value: float | None, status: str = "ok") -> str
         >>> number(("rendering", "depth_median_error_m"), 0.0834)
         '8.3'
         >>> number(("rendering", "lpips"), None, "weights_missing")
-        'weights missing'
+        'no weights'
     """
     if value is None:
-        return status.replace("_", " ") if status != "ok" else _NO_VALUE
+        if status.endswith(_MISSING):
+            return f"no {status.removesuffix(_MISSING)}"
+        return status if status != "ok" else _NO_VALUE
     _, unit, _, decimals = METRICS.get(key, (key[1], "", "", 3))
     return f"{value * _SCALE.get(unit, 1.0):.{decimals}f}"
 
@@ -261,12 +265,12 @@ def _sections(run: RunFolder) -> list[Section]:
 
 
 def _embed(folder: Path, picture: Picture) -> dict[str, Any]:
-    source, size = _data_url(folder / picture.file)
-    still = _data_url(folder / picture.still)[0] if picture.still else ""
+    source, size = _picture(folder / picture.file)
+    still = _picture(folder / picture.still)[0] if picture.still else ""
     return {**asdict(picture), "source": source, "still": still, "width": size[0], "height": size[1]}
 
 
-def _data_url(path: Path) -> tuple[str, tuple[int, int]]:
+def _picture(path: Path) -> tuple[str, tuple[int, int]]:
     try:
         data = path.read_bytes()
         with Image.open(io.BytesIO(data), formats=["PNG", "WEBP"]) as image:
@@ -275,4 +279,4 @@ def _data_url(path: Path) -> tuple[str, tuple[int, int]]:
     except (OSError, ValueError, SyntaxError) as error:
         raise DataError(f"cannot read the picture {path}: {error}; run the stage that draws it again") from error
     kind = "webp" if path.suffix == ".webp" else "png"
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}", size
+    return data_url(data, kind), size

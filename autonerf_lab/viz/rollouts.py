@@ -9,6 +9,7 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.trajectory import Trajectory
 from autonerf_lab.viz.figures import BLUE, ORANGE
+from autonerf_lab.viz.map_figures import draw_robot
 from autonerf_lab.viz.retrace import PALETTE, Retraced, retrace
 from autonerf_lab.viz.walk_picture import union_box
 
@@ -63,6 +64,5 @@ def _draw(ax, walk: Retraced, k: int) -> None:  # type: ignore[no-untyped-def]
     ax.plot(way[:, 0], way[:, 1], color="white", linewidth=2.4)
     ax.plot(way[:, 0], way[:, 1], color=BLUE, linewidth=1.3)
     ax.plot(*way[0, :2], "o", color="white", markeredgecolor=BLUE, markersize=5)
-    heading = way[-1, 2]
-    ax.quiver(*way[-1, :2], np.cos(heading), np.sin(heading), color=ORANGE, scale=14, width=0.012, zorder=3)
+    draw_robot(ax, walk.trajectory.poses[t], ORANGE)
     ax.set_title(f"step {t + 1}: {walk.area[k]:.0f} m²", fontsize=9)

@@ -6,7 +6,6 @@ behind a surface.
 """
 
 import atexit
-import base64
 import io
 import threading
 import time
@@ -23,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.pictures import data_url
 from autonerf_lab.viz.extras import optional
 from autonerf_lab.viz.paint import LAYERS, paint
 from autonerf_lab.viz.point_cloud import point_cloud
@@ -207,8 +207,7 @@ class Viewer:
             return page
         data = io.BytesIO()
         Pillow.fromarray(self._picture).save(data, "PNG")
-        still = base64.b64encode(data.getvalue()).decode()
-        return f'{page}<img src="data:image/png;base64,{still}" alt="What the page showed last">'
+        return f'{page}<img src="{data_url(data.getvalue(), "png")}" alt="What the page showed last">'
 
 
 def nerf_viewer(field: "Field", port: int = 0) -> Viewer:

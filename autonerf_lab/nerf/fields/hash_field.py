@@ -226,8 +226,10 @@ class HashField:
 
     # ---- the pieces
 
-    def _matrices(self) -> tuple[np.ndarray, ...]:
-        return tuple(self._values[name] for name in MATRICES)
+    def _matrices(self, semantic: bool = True) -> tuple[np.ndarray, ...]:
+        """In the kernels' order; without the semantic network as of a field that has none."""
+        *shared, semantic_0, semantic_1 = (self._values[name] for name in MATRICES)
+        return (*shared, semantic_0, semantic_1) if semantic else (*shared, semantic_0[:0], semantic_1[:0, :0])
 
     def _forward_backward(
         self, rays: Rays, samples: Samples, targets: Targets, background: np.ndarray, scales: np.ndarray, learn: bool
@@ -240,7 +242,7 @@ class HashField:
             self._buffer("weights", *samples.starts.shape),
         )
         color, sums = self._buffer("color", len(rays), 3), np.zeros((CHUNKS, 5))
-        matrices = self._matrices()
+        matrices = self._matrices(semantic=learn)  # a pose is found by its colours
         gradients = tuple(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices)
         fused.train_rays(
             matrices, transposed(matrices), gradients, enc, features, samples.starts, samples.ends,

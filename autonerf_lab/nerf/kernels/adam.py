@@ -3,18 +3,19 @@
 import numpy as np
 from numba import njit, prange
 
-from autonerf_lab.nerf.kernels.blocks import ONE
+from autonerf_lab.nerf.kernels.blocks import ONE, ZERO
 
 SMALL = 1 << 16  # values that one thread updates before another has woken up
 
 
 @njit(inline="always")
 def _update(i, p, g, m, v, rate, beta1, beta2, eps, correct1, correct2):
-    if g[i] != 0:
-        m[i] = beta1 * m[i] + (ONE - beta1) * g[i]
-        v[i] = beta2 * v[i] + (ONE - beta2) * g[i] * g[i]
-        p[i] -= rate * (m[i] * correct1) / (np.sqrt(v[i] * correct2) + eps)
-        g[i] = 0
+    # a factor, not a branch: the compiler makes vectors of it
+    touched = ONE if g[i] != ZERO else ZERO
+    m[i] += touched * (ONE - beta1) * (g[i] - m[i])
+    v[i] += touched * (ONE - beta2) * (g[i] * g[i] - v[i])
+    p[i] -= touched * rate * (m[i] * correct1) / (np.sqrt(v[i] * correct2) + eps)
+    g[i] = ZERO
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
