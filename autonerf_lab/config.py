@@ -30,6 +30,7 @@ class Preset:
     visible_poses: int  # from which what there is to see in a scene is found out
     finetuning_frames: int
     finetuning_episodes: int
+    refine_interest: bool = False  # pixels of pose refinement from interest regions
 
 
 PRESETS: dict[str, Preset] = {

@@ -11,6 +11,7 @@ from autonerf_lab.evaluators import NearestView, TrueField
 from autonerf_lab.evaluators.pose_refinement import (
     Refinement,
     evaluate_pose_refinement,
+    interest_regions,
     move,
     perturb,
     pose_errors,
@@ -188,6 +189,27 @@ def test_the_true_geometry_converges(sim, field):
     result = evaluate_pose_refinement(field, poses, targets, sim.intrinsics, Refinement(150, 512))
     assert result.values["convergence_rate"] >= 75
     assert result.values["rotation_error_deg"] < 0.5 and result.values["translation_error_m"] < 0.015
+
+
+def test_pixels_are_drawn_from_interest_regions(sim):
+    """A field that is asked about nothing but the surroundings of what differs."""
+    asked = []
+
+    class Listening(Grey):
+        def ray_gradients(self, rays_o, rays_d, target):
+            asked.append(target)
+            return super().ray_gradients(rays_o, rays_d, target)
+
+    picture = np.zeros((2, 16, 16, 3), np.uint8)
+    picture[0, 4:7, 9:12] = 255
+    camera, start = Intrinsics.from_fov(16, 16), np.stack([np.eye(4)] * 2)
+    for interest in (True, False):
+        refine(Listening(), start, picture, camera, Refinement(1, 2000, interest=interest))
+    white = [target.reshape(2, -1, 3).mean(axis=(1, 2)) for target in asked]
+    region = interest_regions(picture[0])
+    assert region[3:8, 8:13].all() and not region[:, :5].any() and not region[11:].any()
+    assert white[0][0] == pytest.approx(9 / region.sum(), abs=0.03) and white[1][0] == pytest.approx(9 / 256, abs=0.02)
+    assert interest_regions(picture[1]).all() and white[0][1] == 0
 
 
 class Grey(Pattern):

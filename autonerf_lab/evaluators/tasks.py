@@ -146,7 +146,8 @@ class Run:
     def pose_refinement(self) -> TaskResult:
         poses = sample_test_poses(self.sim, self.preset.refine_poses, self.seed)
         targets = np.stack([self.sim.render(c2w).rgb for c2w in poses])
-        settings = Refinement(self.preset.refine_iterations, self.preset.refine_rays)
+        size = self.preset
+        settings = Refinement(size.refine_iterations, size.refine_rays, interest=size.refine_interest)
         return evaluate_pose_refinement(self.field, poses, targets, self.sim.intrinsics, settings, self.seed, self.tick)
 
     def mesh(self) -> TaskResult:
