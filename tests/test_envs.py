@@ -21,6 +21,7 @@ from autonerf_lab.policies.modular import Modular
 from autonerf_lab.policies.networks import CompactNetwork
 from autonerf_lab.policies.views import FOLLOW_STEPS, CompactView, PaperView, global_input, window_of
 from autonerf_lab.simulator import Noise
+from autonerf_lab.types import Action
 
 SMALL = {
     "Explore": {"size": 16, "window": 60},
@@ -241,8 +242,11 @@ def test_waypoints_share_the_time_of_the_episode(scene):
 def test_a_waypoint_that_is_reached_makes_way_for_the_next(scene):
     view = CompactView(follow=12, arrival=0.35)
     env = WaypointEnv(scene=scene, size=32, view=view, decisions=8)
-    seen, _ = env.reset(seed=0)
+    seen, info = env.reset(seed=0)
     policy = Modular(CompactView(follow=12, arrival=0.35), CompactNetwork())
+    # both look around first
+    assert [policy.act(env.map, env.observation) for _ in range(11)] == [Action.TURN_LEFT] * 11
+    assert env.observation.step == 11 and info["path_m"] == 0 and policy.waypoint is None
     for k in range(8):
         blocks = np.argwhere(seen["reach"][0] > 0)
         row, col = blocks[np.argmin(np.abs(seen["reach"][1][tuple(blocks.T)] * 10 - 1.2))]  # about 1.2 m away
@@ -254,7 +258,7 @@ def test_a_waypoint_that_is_reached_makes_way_for_the_next(scene):
         policy.waypoint, policy._age = info["waypoint"], info["steps"]
         policy.act(env.map, env.observation)
         assert policy._age == 1
-    assert env.observation.step < 8 * 12
+    assert env.observation.step < 11 + 8 * 12
 
 
 def follow_shortest(env: PointGoalEnv) -> tuple[float, dict, bool]:

@@ -8,6 +8,7 @@ from autonerf_lab.envs.base import MappingEnv, Seen
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.planning import LocalPolicy
 from autonerf_lab.policies.views import WINDOW_METRES, PaperView, View, done
+from autonerf_lab.types import Action
 
 
 class WaypointEnv(MappingEnv[Any]):
@@ -35,8 +36,10 @@ class WaypointEnv(MappingEnv[Any]):
         self.observation_space = self._view.observation_space  # type: ignore[assignment]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Seen, dict[str, Any]]:
-        """Start an episode: in a drawn scene, at a drawn pose."""
+        """Start an episode: in a drawn scene, at a drawn pose, after a look around where the view asks for it."""
         self._begin(seed)
+        for _ in range(self._view.opening):
+            self._advance(Action.TURN_LEFT)
         self._local.reset()
         self._view.reset()
         self._decided = 0

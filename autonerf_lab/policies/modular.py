@@ -6,11 +6,12 @@ import torch
 from autonerf_lab.planning.local import LocalPolicy
 from autonerf_lab.policies.networks import draw
 from autonerf_lab.policies.views import View, done
-from autonerf_lab.types import MapState, Observation
+from autonerf_lab.types import Action, MapState, Observation
 
 
 class Modular:
-    """A waypoint every few steps, in the paper 25, drawn from what the global policy says.
+    """A waypoint every few steps, in the paper 25, drawn from what the global policy says; before the first, where the
+    view asks for it, a look around.
 
     Args:
         view: what the network sees.
@@ -38,11 +39,14 @@ class Modular:
         self._rng = rng
         self.view.reset()
         self._local = LocalPolicy()
-        self._age = 0
+        self._age, self._turns = 0, self.view.opening
         self.waypoint: np.ndarray | None = None
 
     def act(self, map: MapState, observation: Observation) -> int:
         """Towards the waypoint."""
+        if self._turns:
+            self._turns -= 1
+            return Action.TURN_LEFT
         if self.waypoint is None or done(self.view, self.waypoint, map, self._age):
             self.waypoint = self._choose(map)
             self._age = 0

@@ -31,6 +31,7 @@ class View(Protocol):
     cell: float  # metres, of the maps it is trained on; finer ones are pooled
     follow: int  # actions of the local policy until the next waypoint, at most
     arrival: float  # metres from a waypoint at which the next is due; 0: only time decides
+    opening: int  # turns on the spot before the first waypoint
     observation_space: spaces.Dict
     action_space: spaces.Space[Any]
 
@@ -60,7 +61,7 @@ class PaperView:
 
     def __init__(self, window: int = 240, viewpoints: bool = False) -> None:
         self.window, self._viewpoints = window, viewpoints
-        self.follow, self.arrival = FOLLOW_STEPS, 0.0
+        self.follow, self.arrival, self.opening = FOLLOW_STEPS, 0.0, 0
         self.cell = WINDOW_METRES / window
         self.channels = 8 + NUM_CLASSES + 2 * VIEWPOINT_BINS * viewpoints
         self.action_space: spaces.Space[Any] = spaces.Box(-1, 1, (2,), np.float32)
@@ -124,6 +125,7 @@ class CompactView:
     """
 
     cell = 0.1
+    opening = 11  # a look around costs less than a walk to what is behind; frontier exploration begins so too
     SIDE = 160  # cells of the window
     BLOCK = 5  # cells a side of a block
     GRID = SIDE // BLOCK
