@@ -245,8 +245,8 @@ def test_a_waypoint_that_is_reached_makes_way_for_the_next(scene):
     seen, info = env.reset(seed=0)
     policy = Modular(CompactView(follow=12, arrival=0.35), CompactNetwork())
     # both look around first
-    assert [policy.act(env.map, env.observation) for _ in range(11)] == [Action.TURN_LEFT] * 11
-    assert env.observation.step == 11 and info["path_m"] == 0 and policy.waypoint is None
+    assert [policy.act(env.map, env.observation) for _ in range(9)] == [Action.TURN_LEFT] * 9
+    assert env.observation.step == 9 and info["path_m"] == 0 and policy.waypoint is None
     for k in range(8):
         blocks = np.argwhere(seen["reach"][0] > 0)
         row, col = blocks[np.argmin(np.abs(seen["reach"][1][tuple(blocks.T)] * 10 - 1.2))]  # about 1.2 m away
@@ -258,7 +258,7 @@ def test_a_waypoint_that_is_reached_makes_way_for_the_next(scene):
         policy.waypoint, policy._age = info["waypoint"], info["steps"]
         policy.act(env.map, env.observation)
         assert policy._age == 1
-    assert env.observation.step < 11 + 8 * 12
+    assert env.observation.step < 9 + 8 * 12
 
 
 def follow_shortest(env: PointGoalEnv) -> tuple[float, dict, bool]:

@@ -50,8 +50,24 @@ def test_surprise_is_the_squared_error_of_a_model_that_at_first_expects_no_chang
     change = np.square(phi["after"][1].astype(float) - phi["before"][1]).sum()
     assert values[2] == pytest.approx(change / 100, rel=1e-4) and values[2] == pytest.approx(values[3])
     np.testing.assert_array_equal(phi["after"][:-1], phi["before"][1:])
-    assert phi["after"].mean(axis=1) == pytest.approx(0, abs=1e-6)
-    assert np.square(phi["after"]).mean(axis=1) == pytest.approx(1, abs=1e-3)  # features cannot collapse
+    picture, chart = np.split(phi["after"], 2, axis=1)
+    assert picture.mean(axis=1) == pytest.approx(0, abs=1e-6) and not chart.any()  # of a blank map
+    assert np.square(picture).mean(axis=1) == pytest.approx(1, abs=1e-3)  # features cannot collapse
+
+
+def test_new_ground_is_a_surprise_where_the_picture_stays_the_same(two_pictures):
+    """Ground that is explored in one block: a column of the random matrix, times the share of the block."""
+    reward = Curiosity()
+    step = step_of(pictured(two_pictures[0]))
+    size, cell = len(step.after.explored), step.after.cell
+    explored = step.after.explored.copy()
+    explored[size // 2, size // 2 : size // 2 + 4] = True
+    more = replace(step, after=replace(step.after, explored=explored))
+    values = play(reward, [step, step, more, more])
+    share, middle = 4 * cell**2, 16 * 32 + 16
+    column = reward.state_dict()["network.chart.weight"][:, 32 * 32 + middle]
+    assert values[:2] == [0, 0] and values[3] == 0
+    assert values[2] == pytest.approx((share * column**2).sum() * share / 100, rel=1e-4)
 
 
 def test_surprise_falls_when_the_same_happens_again_and_again(two_pictures):
@@ -93,6 +109,17 @@ def test_rewards_are_in_standard_deviations_of_the_discounted_sum():
         sums.append(total)
     assert reward.state_dict()["return"] == pytest.approx([sums[-1], 4, np.mean(sums), np.var(sums)])
     assert reward._scale == pytest.approx(np.std(sums))
+
+
+def test_an_error_counts_relative_to_the_mean_error_of_its_action():
+    reward = Curiosity()
+    ahead, left, right = (int(a) for a in (Action.FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT))
+    assert reward._relative(np.array([3.0]), np.array([left])) == [3.0]  # nothing is known yet
+    reward._count_errors(np.array([1.0, 6.0, 3.0, 10.0]), np.array([ahead, left, ahead, left]))
+    errors, actions = np.array([4.0, 4.0, 4.0]), np.array([ahead, left, right])
+    assert reward._relative(errors, actions) == pytest.approx([2.0, 0.5, 4.0])
+    reward._count_errors(np.full(2000, 4.0), np.full(2000, left))  # older ones fade
+    assert reward._relative(errors, actions) == pytest.approx([2.0, 1.0, 4.0])
 
 
 def test_it_sees_depth_where_there_are_no_colours():

@@ -14,9 +14,9 @@ _MODULAR: dict[str, dict[str, Any]] = {
     "view": {"scale": 0.02},
 }
 _END_TO_END: dict[str, dict[str, Any]] = {
-    "cov": {"scale": 0.1},
+    "cov": {"scale": 0.1, "episode": 512},
     "cur": {"scale": 0.3},
-    "nov": {"scale": 0.03},
+    "nov": {"scale": 0.03, "episode": 512},
     "rec": {"scale": 5.0},
 }
 # Ramakrishnan et al. 2021, appendix, where two cores allow it.
@@ -30,7 +30,7 @@ _OF_END_TO_END: dict[str, Any] = {
     "gamma": 0.99,
     "entropy": 0.01,
     "target_kl": None,
-    "episode": 512,
+    "episode": 1024,  # who has trained on shorter ones walks in circles where all around is known
     "sensor": 84,
     "network": {"kind": "egocentric"},
 }
