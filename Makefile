@@ -41,13 +41,12 @@ lab: .venv/.installed-lab
 book: .venv/.installed-all
 	$(BIN)/python docs/book.py $(ARGS)
 
-# Two processes, a file of tests at a time: most tests use one core, and what a file prepares serves all of it.
 test: .venv/.installed-all
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+	$(BIN)/python -m pytest $(ARGS)
 
 bench: .venv/.installed-all
 	set -e; for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script $(ARGS); done

@@ -79,6 +79,17 @@ def test_workers_answer_as_a_loop_does():
         pool.close()
 
 
+def test_a_look_around_takes_nothing_from_the_decisions():
+    env = train.make_env(TINY, "cov")
+    seen, _ = env.reset(seed=0)
+    steps, over = [], False
+    while not over:
+        seen, _, _, over, info = env.step(place(seen, 0))
+        steps.append(info["steps"])
+    assert len(steps) == TINY.episode
+    assert env.unwrapped.observation.step == 9 + sum(steps) <= env.unwrapped._max_steps == 9 + 12 * TINY.episode
+
+
 def broken(transition):
     raise ZeroDivisionError("in my reward")
 

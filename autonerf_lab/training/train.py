@@ -64,6 +64,7 @@ def make_env(settings: PolicySettings, reward: str | Reward, scenes: Scenes = No
     elif isinstance(view, EgocentricView):
         env = EgocentricEnv(reward=reward, **options)
     else:
+        options["max_steps"] += view.opening
         env = WaypointEnv(view, decisions=settings.episode, reward=reward, **options)
     env = gymnasium.wrappers.TransformReward(env, partial(mul, settings.scale))
     return Symmetry(env) if settings.network["kind"] == "compact" else env
