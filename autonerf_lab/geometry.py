@@ -289,6 +289,25 @@ def cell_to_world(cells: np.ndarray, origin: np.ndarray, cell: float) -> np.ndar
     return (np.asarray(cells)[..., ::-1] + 0.5) * cell + origin
 
 
+def block_shares(cells: np.ndarray, block: int) -> np.ndarray:
+    """How much of each block of cells is set.
+
+    Args:
+        cells: (C, M, M) bool.
+        block: cells a side of a block; divides M.
+
+    Returns:
+        (C, G, G) float32, 0 to 1.
+
+    Example:
+        >>> block_shares(np.eye(4, dtype=bool)[None], 2)[0].tolist()
+        [[0.5, 0.0], [0.0, 0.5]]
+    """
+    grid = cells.shape[1] // block
+    blocks = cells.reshape(len(cells), grid, block, grid, block)
+    return blocks.sum(axis=(2, 4), dtype=np.float32) / block**2
+
+
 def skew(v: np.ndarray) -> np.ndarray:
     """(3,) -> (3, 3) cross-product matrix."""
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -107,7 +107,8 @@ def test_small_objects_are_dropped_and_large_ones_found():
 
 
 def test_the_way_out_of_a_cleared_square_is_that_of_a_map_where_it_is_clear(truth):
-    from autonerf_lab.evaluators.planning import grow, path_length
+    from autonerf_lab.evaluators.planning import grow
+    from autonerf_lab.planning import path_length
     from autonerf_lab.planning.fast_marching import descend, travel_distance
 
     cell, free = truth.grid.cell, grow(truth.free, 0.2, truth.grid.cell)

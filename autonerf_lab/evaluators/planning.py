@@ -37,7 +37,7 @@ from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.evaluators.maps import CellState
 from autonerf_lab.evaluators.result import TaskResult
 from autonerf_lab.evaluators.truth import TrueMap
-from autonerf_lab.planning.fast_marching import descend, travel_distance, weighted_success
+from autonerf_lab.planning.fast_marching import descend, path_length, travel_distance, weighted_success
 
 PREDICTED_DILATION = 0.20  # metres
 TRUE_DILATION = 0.18
@@ -227,11 +227,6 @@ def _follow(distance: np.ndarray, start: np.ndarray, cell: float) -> np.ndarray 
     if not np.isfinite(total[best]):
         return None
     return np.concatenate([np.asarray(start, dtype=np.float64)[None], descend(distance, cells[best], cell)])
-
-
-def path_length(path: np.ndarray, cell: float) -> float:
-    """Length in metres of a (K, 2) path in cells."""
-    return float(np.hypot(*np.diff(path, axis=0).T).sum() * cell) if len(path) > 1 else 0.0
 
 
 def obstacle_cells(path: np.ndarray, passable: np.ndarray) -> int:

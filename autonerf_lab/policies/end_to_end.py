@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from autonerf_lab.policies.egocentric import EgocentricView
-from autonerf_lab.policies.networks import EgocentricNetwork, draw
+from autonerf_lab.policies.networks import EgocentricNetwork, batched, draw
 from autonerf_lab.types import MapState, Observation
 
 
@@ -42,7 +42,6 @@ class EndToEnd:
         """The next action."""
         seen = self.view.see(map, observation, self._last)
         with torch.inference_mode():
-            batch = {name: torch.as_tensor(value)[None] for name, value in seen.items()}
-            chances, _, self._memory = self.network(batch, self._memory, torch.zeros(1))
+            chances, _, self._memory = self.network(batched([seen]), self._memory, torch.zeros(1))
         self._last = int(draw(chances, self._rng))
         return self._last

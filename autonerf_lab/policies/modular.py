@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from autonerf_lab.planning.local import LocalPolicy
-from autonerf_lab.policies.networks import draw
+from autonerf_lab.policies.networks import batched, draw
 from autonerf_lab.policies.views import View, done
 from autonerf_lab.types import Action, MapState, Observation
 
@@ -54,7 +54,6 @@ class Modular:
         return self._local.act(map, self.waypoint)
 
     def _choose(self, map: MapState) -> np.ndarray:
-        seen = {name: torch.as_tensor(np.asarray(value))[None] for name, value in self.view.see(map).items()}
         with torch.inference_mode():
-            action = draw(self.network(seen)[0], self._rng)
+            action = draw(self.network(batched([self.view.see(map)]))[0], self._rng)
         return self.view.waypoint(action, map)

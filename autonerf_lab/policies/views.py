@@ -12,7 +12,7 @@ from gymnasium import spaces
 from numba import njit
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.geometry import AGENT_RADIUS, cell_to_world, planar_from_pose, world_to_cell
+from autonerf_lab.geometry import AGENT_RADIUS, block_shares, cell_to_world, planar_from_pose, world_to_cell
 from autonerf_lab.mapping.semantic_map import VIEWPOINT_BINS
 from autonerf_lab.planning.dilation import dilate
 from autonerf_lab.planning.fast_marching import travel_distance
@@ -173,7 +173,7 @@ class CompactView:
             reach[5][there] = np.log1p(np.exp(-away / (2 * self.NEAR**2)).sum(axis=1))
         heading = planar_from_pose(map.pose)[2]
         return {
-            "map": _shares(np.concatenate([known, classes, nameless[None]]), self.BLOCK),
+            "map": block_shares(np.concatenate([known, classes, nameless[None]]), self.BLOCK),
             "reach": reach,
             "heading": np.array([np.cos(heading), np.sin(heading)], np.float32),
         }
@@ -252,13 +252,6 @@ def pooled(channels: np.ndarray, top: int, left: int, side: int, factor: int) ->
                 if channels[k, row, col]:
                     out[k, (row - top) // factor, (col - left) // factor] = True
     return out
-
-
-def _shares(channels: np.ndarray, block: int) -> np.ndarray:
-    """(C, G, G) float32: how much of each block is set."""
-    grid = channels.shape[1] // block
-    blocks = channels.reshape(len(channels), grid, block, grid, block)
-    return blocks.sum(axis=(2, 4), dtype=np.float32) / block**2
 
 
 @njit(cache=True, nogil=True)

@@ -8,6 +8,7 @@ from PIL import Image
 from torch import nn
 from torch.nn.functional import leaky_relu, one_hot
 
+from autonerf_lab.geometry import block_shares
 from autonerf_lab.rewards.learning import Learner, State, check_state, seeded
 from autonerf_lab.types import Action, MapState, Observation, Transition
 
@@ -183,9 +184,7 @@ def _chart(map: MapState) -> np.ndarray:
     side = max(1, round(BLOCK / map.cell))
     half, first = BLOCKS_A_SIDE * side // 2, len(map.explored) // 2
     known = np.pad(np.stack([map.occupied, map.explored]), ((0, 0), (half, half), (half, half)))
-    inner = known[:, first : first + 2 * half, first : first + 2 * half]
-    blocks = inner.reshape(2, BLOCKS_A_SIDE, side, BLOCKS_A_SIDE, side)
-    return blocks.sum(axis=(2, 4), dtype=np.float32) / side**2
+    return block_shares(known[:, first : first + 2 * half, first : first + 2 * half], side)
 
 
 def _image(observation: Observation) -> np.ndarray:
