@@ -70,6 +70,32 @@ def make_env(settings: PolicySettings, reward: str | Reward, scenes: Scenes = No
     return Symmetry(env) if settings.network["kind"] == "compact" else env
 
 
+def read_checkpoint(path: Path, identity: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
+    """Arrays and header of a checkpoint; None where there is none.
+
+    Raises:
+        RunFolderError: it belongs to a training with other settings.
+        DataError: it is damaged.
+    """
+    if not path.exists():
+        return None
+    try:
+        arrays, header = read_arrays(path)
+        found = header["identity"]
+    except (KeyError, ValueError) as error:  # a DataError is a ValueError
+        raise _damaged(path, error) from error
+    if found != identity:
+        differ = sorted(k for k in {*found, *identity} if found.get(k) != identity.get(k))
+        raise RunFolderError(
+            f"{path} belongs to another training ({', '.join(differ)} differ); remove it, or use another folder"
+        )
+    return arrays, header
+
+
+def _damaged(path: Path, error: Exception) -> DataError:
+    return DataError(f"{path} is damaged ({error!r}); remove it to start the training again")
+
+
 class Run(BaseCallback):
     """What happens around PPO's own loop: seeds, checkpoints, the curve, the bar.
 
@@ -109,24 +135,13 @@ class Run(BaseCallback):
         self._ended: list[tuple[float, dict[str, Any]]] = []  # rewards and infos of the episodes of this rollout
         self._saved = self._started = time.perf_counter()
 
-    def resume(self) -> bool:
-        """Go on from the checkpoint; False where there is none.
+    def resume(self, arrays: dict[str, np.ndarray], header: dict[str, Any]) -> None:
+        """Go on from a checkpoint.
 
         Raises:
-            RunFolderError: it belongs to a training with other settings.
             DataError: it is damaged.
         """
-        path = self.folder / CHECKPOINT
-        if not path.exists():
-            return False
         try:
-            arrays, header = read_arrays(path)
-            if header["identity"] != self.identity:
-                found = header["identity"]
-                differ = sorted(k for k in {*found, *self.identity} if found.get(k) != self.identity.get(k))
-                raise RunFolderError(
-                    f"{path} belongs to another training ({', '.join(differ)} differ); remove it, or use another folder"
-                )
             restore(self.model, {k: v for k, v in arrays.items() if not k.startswith(_OF_REWARD)})
             if self.reward:
                 learned = {k.removeprefix(_OF_REWARD): v for k, v in arrays.items() if k.startswith(_OF_REWARD)}
@@ -137,9 +152,8 @@ class Run(BaseCallback):
             self.model.num_timesteps, self.model._n_updates = header["timesteps"], header["updates"]
             if self.aligned:
                 self.pool.begin(self.episode)
-        except (KeyError, TypeError, ValueError) as error:  # a DataError is a ValueError
-            raise DataError(f"{path} is damaged ({error!r}); remove it to start the training again") from error
-        return True
+        except (KeyError, TypeError, ValueError) as error:
+            raise _damaged(self.folder / CHECKPOINT, error) from error
 
     def save(self) -> None:
         """Write the checkpoint: only between two episodes, or before the first."""
@@ -287,6 +301,7 @@ def train_policy(
         identity["places"] = [scene if isinstance(scene, str) else scene.sha256 for scene in scenes]
     if first is not None:
         identity["start"] = weights_sha256(str(first))
+    kept = read_checkpoint(folder / CHECKPOINT, identity)  # before the processes begin: who is refused need not wait
     make = partial(make_env, settings, chosen, scenes)
     started = time.perf_counter()
     pool = WorkerPool(make, settings.environments, workers, settings.seed)
@@ -294,7 +309,9 @@ def train_policy(
         ppo = make_ppo(pool, lambda: make_network(settings.network)[1], settings, folder / "tensorboard")
         run = Run(folder, identity, settings, pool, learning, progress, callback)
         run.model = ppo
-        if not run.resume():
+        if kept:
+            run.resume(*kept)
+        else:
             network = network_of(ppo)
             if first is not None:
                 load_weights(first, network)
