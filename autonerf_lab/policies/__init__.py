@@ -42,7 +42,8 @@ def load_policy(path: str | Path, trained: bool = True) -> Policy:
     # torch: not for those who walk without it
     from autonerf_lab.policies.end_to_end import EndToEnd
     from autonerf_lab.policies.modular import Modular
-    from autonerf_lab.policies.networks import EgocentricNetwork, GoalNetwork, make_network
+    from autonerf_lab.policies.networks import CompactNetwork, EgocentricNetwork, GoalNetwork, make_network
+    from autonerf_lab.policies.symmetry import Symmetric
     from autonerf_lab.policies.weights import load_weights, read_meta
 
     view, network = make_network(read_meta(path)["network"])
@@ -50,7 +51,9 @@ def load_policy(path: str | Path, trained: bool = True) -> Policy:
         raise DataError(f"{path} holds a policy that goes to a place it is told; it does not explore")
     if trained:
         load_weights(path, network)
-    return EndToEnd(view, network) if isinstance(network, EgocentricNetwork) else Modular(view, network)
+    if isinstance(network, EgocentricNetwork):
+        return EndToEnd(view, network)
+    return Modular(view, Symmetric(network) if isinstance(network, CompactNetwork) else network)
 
 
 POLICIES: dict[str, Callable[[], Policy]] = {

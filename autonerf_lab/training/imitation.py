@@ -18,10 +18,10 @@ from tqdm import tqdm
 
 from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.policies.frontier import Frontier
+from autonerf_lab.policies.symmetry import Turn
 from autonerf_lab.policies.views import WINDOW_METRES, View, done
 from autonerf_lab.rewards import Reward
 from autonerf_lab.training.settings import PolicySettings
-from autonerf_lab.training.symmetry import Turn
 
 EPOCHS, BATCH, LR = 4, 64, 3e-3
 
