@@ -24,7 +24,7 @@ class Learner:
 
     def step(self):
         self.error /= 2
-        return self.error
+        return 3 * self.error, self.error
 
     def view(self):
         return np.full((4, 4, 3), 1 - self.error)
@@ -44,9 +44,12 @@ def test_a_training_draws_what_it_learns():
     training.run(30)
     np.testing.assert_allclose(training.psnr, 10 * np.log10(2) * np.arange(1, 31))
     assert training.picture != before and training.still().data == training.picture
-    curve, shown, _ = training.figure().axes
+    curve, shown, _, loss = training.figure().axes
     np.testing.assert_allclose(curve.lines[0].get_ydata(), training.psnr)
     np.testing.assert_allclose(curve.lines[1].get_ydata(), 10 * np.log10(2) * np.arange(10.5, 21))
+    np.testing.assert_allclose(loss.lines[0].get_ydata(), 3 * 0.5 ** np.arange(1, 31))
+    np.testing.assert_allclose(loss.lines[1].get_ydata()[0], 3 * (1 - 0.5**20) / 20)
+    assert (loss.get_ylabel(), loss.get_yscale()) == ("loss", "log")
     assert shown.get_title() == "step 30"
 
 
@@ -64,7 +67,7 @@ def test_a_training_is_interrupted_and_keeps_what_it_learned():
 
 
 def test_a_training_goes_on_in_the_background_until_it_is_stopped():
-    training = Training(lambda: 0.01, lambda: np.zeros((4, 4, 3)), TRUTH)
+    training = Training(lambda: (0.0, 0.01), lambda: np.zeros((4, 4, 3)), TRUTH)
     training.buttons["stop"].click()  # nothing runs
     for _ in range(2):
         before = len(training.psnr)
@@ -139,6 +142,15 @@ def test_a_plan_on_a_perfect_map():
         before = shown.picture
         shown.sliders[name].value = value
         assert shown.picture != before
+    assert shown.episode.shortest == pytest.approx(np.hypot(0.5, 0.9), abs=0.05)
+
+
+def test_a_plan_between_places_that_are_clicked_on_either_map():
+    shown = plans()
+    figure = shown._figure
+    for ax, place in zip(figure.axes, ((1.0, 0.6), (1.5, 1.5)), strict=True):
+        shown.click(*(ax.transData.transform(place) / figure.bbox.size * (1, -1) + (0, 1)))
+    np.testing.assert_allclose(shown.ends, [(1.0, 0.6), (1.5, 1.5)])
     assert shown.episode.shortest == pytest.approx(np.hypot(0.5, 0.9), abs=0.05)
 
 

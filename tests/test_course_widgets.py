@@ -42,6 +42,7 @@ def mixer() -> Mixer:
 
 def test_buttons_drive(drive):
     start = shown(drive)
+    assert [button.icon for button in drive.buttons.values()][:3] == ["arrow-left", "arrow-up", "arrow-right"]
     for name in ("turn left", "turn left", "forward", "turn right"):
         before = drive.picture
         drive.buttons[name].click()
@@ -106,6 +107,26 @@ def test_a_route_goes_round_the_wall(route):
         before = route.picture
         route.sliders[name].value += 0.5
         assert route.picture != before
+
+
+def test_a_route_between_places_that_are_clicked(route):
+    """In the picture the map has a thin black frame, and 100 cells of 5 cm."""
+    picture = shown(route)
+    dark = (picture < 60).all(axis=2)
+    (top, bottom), (left, right) = (np.flatnonzero(dark.mean(axis=axis) > 0.5)[[0, -1]] for axis in (1, 0))
+    (x0, x1), (y0, y1) = route._figure.axes[0].get_xlim(), route._figure.axes[0].get_ylim()
+    height, width, _ = picture.shape
+    for x, y in ((-1.5, 0.75), (-1.5, -0.75)):
+        across = left + (right - left) * (x - x0) / (x1 - x0)
+        down = bottom - (bottom - top) * (y - y0) / (y1 - y0)
+        before, whose = route.picture, route.turn.value
+        route._shown._handle_custom_msg([(across + 0.5) / width, (down + 0.5) / height], [])
+        assert route.picture != before and route.turn.value != whose
+    np.testing.assert_allclose(route.ends, [(-1.5, 0.75), (-1.5, -0.75)], atol=0.02)
+    assert route.length == pytest.approx(1.5, abs=0.05)
+    before = route.picture
+    route.click(0.001, 0.5)
+    assert route.picture == before and route.turn.value == "start", "beside the map"
 
 
 def test_a_route_that_does_not_exist(route):

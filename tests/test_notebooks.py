@@ -1,7 +1,9 @@
 """Every notebook runs from top to bottom in a fresh kernel and an empty folder, and is committed without outputs."""
 
 import os
+import re
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -12,6 +14,8 @@ from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernel
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 CELL_TIMEOUT = 240  # seconds: a first run compiles kernels
+MOST_MEMORY = 4.0  # GB, of a kernel
+PEAK = "import resource; print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
 FORBIDDEN_TAGS = {"skip-execution", "raises-exception"}
 
 
@@ -44,15 +48,34 @@ def test_committed_stripped(path):
     assert "assert " in code[-1], "the last cell checks what the notebook claimed"
 
 
+def test_every_notebook_says_where_else_it_runs_and_installs_itself_there():
+    setups = set()
+    for path in NOTEBOOKS:
+        title, setup, *_ = nbformat.read(path, as_version=4).cells
+        for service in ("[Colab](https://colab.research.google.com/", "[Binder](https://mybinder.org/"):
+            (address,) = re.findall(re.escape(service) + r"[^)]+", title.source)
+            assert address.endswith(f"notebooks/{path.name}")
+        assert setup.id == "setup-colab"
+        setups.add(setup.source)
+    (source,) = setups
+    assert "autonerf-lab[training,viewer] @ git+https" in source and "anywidget" in source
+
+
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_runs_in_smoke(path, tmp_path, monkeypatch):
     monkeypatch.setenv("AUTONERF_LAB_PRESET", "smoke")
     monkeypatch.delenv("MPLBACKEND", raising=False)  # kernels draw into the notebook
-    executed = execute(nbformat.read(path, as_version=4), tmp_path)
+    notebook = nbformat.read(path, as_version=4)
+    if sys.platform == "linux":
+        notebook.cells.append(nbformat.v4.new_code_cell(PEAK))
+    executed = execute(notebook, tmp_path)
+    if sys.platform == "linux":
+        assert int(executed.cells.pop().outputs[0].text) * 1024 / 1e9 < MOST_MEMORY
     outputs = [output for cell in executed.cells for output in cell.get("outputs", [])]
     assert any("image/png" in output.get("data", {}) for output in outputs), "figures remain without a kernel"
-    pictures = [output["metadata"].get("image/png", {}) for output in outputs if "image/png" in output.get("data", {})]
-    assert all(picture.get("alt", "").startswith("Figure") for picture in pictures), "every figure can be read aloud"
+    for kind, word in (("image/png", "Figure"), ("image/gif", "Film")):
+        pictures = [output["metadata"].get(kind, {}) for output in outputs if kind in output.get("data", {})]
+        assert all(picture.get("alt", "").startswith(word) for picture in pictures), "every figure can be read aloud"
     stderr = "".join(o.text for o in outputs if o.output_type == "stream" and o.name == "stderr")
     assert "Warning" not in stderr, stderr
 
@@ -67,7 +90,7 @@ def test_a_killed_kernel_fails_within_seconds(tmp_path):
     started = time.monotonic()
     with pytest.raises(DeadKernelError):
         execute(notebook_of(f"import os; os.kill(os.getpid(), {int(signal.SIGKILL)})", "1"), tmp_path)
-    assert time.monotonic() - started < 60
+    assert time.monotonic() - started < 15
 
 
 def test_an_endless_cell_fails_at_its_timeout(tmp_path):

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import browser
+import nbformat
 import numpy as np
 import pytest
 from browser import Page, open_lab, open_page, wait
@@ -22,6 +23,15 @@ PANEL = "[...jupyterapp.shell.widgets('main')].find(widget => widget.context)"
 KERNEL = f"{PANEL}?.context.sessionContext.session?.kernel"
 OUTPUTS = f"{PANEL}.content.widgets.flatMap(cell => cell.model.toJSON().outputs ?? [])"
 SLIDER = "document.querySelector('.jp-OutputArea-output .widget-slider .noUi-base')"
+ROUTE = """
+from autonerf_lab.course.widgets import Route
+from autonerf_lab.geometry import planar_pose
+from autonerf_lab.mapping import empty_map
+
+known = empty_map(planar_pose(0, 0, 0), size=100)
+known.explored[:] = True
+Route(known, (-2.0, -1.5), (2.0, -1.5))
+"""
 IMAGE = f"{SLIDER}.closest('.jp-OutputArea-output').querySelector('img.widget-image')"
 
 
@@ -76,6 +86,27 @@ def test_a_slider_changes_the_picture(notebook: Path, tmp_path: Path) -> None:
         page.click(x + 0.8 * width, y + 0.5 * height)
         wait("the picture changes", lambda: not np.array_equal(picture(page), before))
         assert picture(page).std() > 0
+
+
+def test_a_click_on_a_map_moves_the_start_and_the_next_one_the_goal(tmp_path: Path) -> None:
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}  # or JupyterLab asks which
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(ROUTE)], metadata=kernel)
+    nbformat.write(notebook, tmp_path / "route.ipynb")
+    with finished(tmp_path / "route.ipynb", tmp_path) as page:
+        wait("the picture is there", lambda: page.js(f"{SLIDER} && {IMAGE}?.naturalWidth"))
+        readouts = f"[...{SLIDER}.closest('.jp-OutputArea-output').querySelectorAll('.widget-readout')]"
+        values = f"{readouts}.map(shown => parseFloat(shown.textContent.replace('−', '-')))"
+        assert page.js(values)[:4] == [-2.0, -1.5, 2.0, -1.5]
+        for first in (0, 2):
+            before = picture(page)
+            page.js(f"{IMAGE}.scrollIntoView({{block: 'center'}})")
+            x, y, width, height = page.js(f"(b => [b.x, b.y, b.width, b.height])({IMAGE}.getBoundingClientRect())")
+            page.click(x + 0.5 * width, y + (0.4 + 0.1 * first) * height)
+            wait("the picture changes", lambda before=before: not np.array_equal(picture(page), before))
+            found = page.js(values)[first : first + 2]
+            assert abs(found[0]) < 0.5 and found[1] == pytest.approx(0.5 - first / 2, abs=0.5)
+        assert page.js(f"{IMAGE}.alt").startswith("Figure: ")
+        assert page.js("document.querySelector('.jp-RenderedImage img').naturalWidth") > 300, "a picture stays"
 
 
 def test_what_a_page_complains_about_and_asks_for_is_noticed(tmp_path: Path) -> None:

@@ -13,12 +13,14 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
+import toy_photos
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+FOR_NOTEBOOKS = {"notebooks", "training", "viewer"}  # extras
 PYTHON_FILES = sorted(
     path
     for folder in ("autonerf_lab", "tests", "benchmarks", "examples", "docs")
@@ -84,7 +86,7 @@ def test_every_dependency_has_a_tested_version():
             assert requirement.specifier.contains(pins[name]), f"constraints.txt and pyproject.toml disagree on {name}"
 
 
-@pytest.mark.parametrize("name", ["README.md", "notebooks/00_tour.ipynb"])
+@pytest.mark.parametrize("name", ["README.md", *(f"notebooks/{path.name}" for path in ROOT.glob("notebooks/*.ipynb"))])
 def test_the_address_of_the_repository_is_the_same_everywhere(name):
     repository = PYPROJECT["project"]["urls"]["Repository"].removeprefix("https://github.com/")
     found = re.findall(r"(?:colab\.research\.google\.com/github|mybinder\.org/v2/gh|git\+https://github\.com)/(\w\S+?/[\w-]+)",
@@ -99,9 +101,7 @@ def test_binder_installs_what_the_notebooks_need():
         ROOT / "constraints.txt"
     )
     extras = re.search(r"^-e \.\[(.+)\]$", lines[-1])
-    assert extras and {"notebooks", "training"} <= set(extras[1].split(",")) <= set(
-        PYPROJECT["project"]["optional-dependencies"]
-    )
+    assert extras and FOR_NOTEBOOKS <= set(extras[1].split(",")) <= set(PYPROJECT["project"]["optional-dependencies"])
     assert os.access(binder / "postBuild", os.X_OK)
     python = (binder / "runtime.txt").read_text().strip().removeprefix("python-")
     assert SpecifierSet(PYPROJECT["project"]["requires-python"]).contains(python)
@@ -243,6 +243,13 @@ def test_main_job_needs_no_debian_packages(checkout):
     assert (checkout / ".venv/.installed-base").exists() and not (checkout / ".venv/.installed-all").exists()
 
 
+def test_the_lab_gets_what_the_notebooks_need(checkout):
+    _command(checkout, "fakepython", FAKE_PYTHON)
+    assert _install(checkout, "lab").returncode == 0
+    (extras,) = re.findall(r"-e \.\[(.+)\]", (checkout / "pip.log").read_text())
+    assert set(extras.split(",")) == FOR_NOTEBOOKS and (checkout / ".venv/.installed-lab").exists()
+
+
 def test_pip_that_fails_leaves_no_stamp_and_the_next_call_goes_on(checkout):
     _command(checkout, "fakepython", FAKE_PYTHON)
     _command(checkout, "dpkg-query", ALL_INSTALLED)
@@ -273,3 +280,26 @@ def test_example_compares_policies():
     assert result.returncode == 0, result.stderr
     header, line = result.stdout.splitlines()
     assert header.split()[-2:] == ["random", "frontier"] and line.startswith("dev-0")
+
+
+def test_example_walks_the_whole_chain(tmp_path):
+    options = ["--frames", "50", "--scene", "train-01", "--steps", "60", "--preset", "smoke", "--out", tmp_path]
+    command = [sys.executable, "examples/whole_chain.py", *options]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "nearest_view" in result.stdout and "pointgoal_success" in result.stdout
+    assert f"{tmp_path / 'policy'}" in result.stdout.splitlines()[-1], "the policy that was just trained"
+    assert (tmp_path / "maps.png").stat().st_size > 1000
+
+
+def test_example_fits_photographs(tmp_path):
+    data = toy_photos.photographs(toy_photos.orbit(24))
+    folder = toy_photos.write(data, tmp_path / "photographs")
+    options = ["--preset", "smoke", "--steps", "60", "--points", "500", "--out", tmp_path / "field"]
+    command = [sys.executable, "examples/photographs.py", folder, *options]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "held_out" in result.stdout and "nearest_view" in result.stdout
+    names = [Path(name).stem for name in data.split()[1].names]
+    assert {path.stem for path in (tmp_path / "field").glob("*.png")} == {f"held-out-{name}" for name in names}
+    assert (tmp_path / "field/points.ply").stat().st_size > 500

@@ -24,12 +24,13 @@ from autonerf_lab.course import (
     rewards,
     scores,
     statistics,
+    tour,
 )
 from autonerf_lab.course.exercise import Exercise, Hidden, Verdict
 from autonerf_lab.errors import UnknownNameError
 
 _NOTEBOOKS = (
-    *(apartments, mapping, exploring, rewards, learning, radiance, encodings),
+    *(tour, apartments, mapping, exploring, rewards, learning, radiance, encodings),
     *(scores, plans, poses, meshes, statistics, captures),
 )
 

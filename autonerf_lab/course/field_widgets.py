@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.course.ends import Ends
 from autonerf_lab.course.live import Background, Live
 from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.maps import CellState
@@ -20,30 +22,35 @@ from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory
 from autonerf_lab.viz.figures import BLUE, ORANGE, SKY
 from autonerf_lab.viz.map_figures import draw_robot
+from autonerf_lab.viz.training_figures import running_mean
 
 _GROUND = np.repeat(np.array([[170], [235], [60]], np.uint8), 3, axis=1)  # unknown, free, occupied
 _DRAWINGS = 12  # of a run
 _EVERY = 25  # steps between two drawings in the background
+_MEAN = 20  # steps of the running mean
 
 
 class Training(Background):
-    """Watch a field learn: its PSNR, and what it shows from one pose.
+    """Watch a field learn: its loss, its PSNR, and what it shows from one pose.
 
     Args:
-        step: trains once and returns the mean squared error of its batch.
+        step: trains once and returns the loss and the mean squared error of its batch.
         view: what the field shows now, (H, W, 3) in [0, 1].
         truth: (H, W, 3) uint8, what it should show.
 
     Example:
-        >>> training = Training(lambda: 0.01, lambda: np.zeros((2, 2, 3)), np.zeros((2, 2, 3), np.uint8))
+        >>> training = Training(lambda: (0.5, 0.01), lambda: np.zeros((2, 2, 3)), np.zeros((2, 2, 3), np.uint8))
         >>> training.run(5)
-        >>> training.psnr[-1]
-        20.0
+        >>> training.loss[-1], training.psnr[-1]
+        (0.5, 20.0)
     """
 
-    def __init__(self, step: Callable[[], float], view: Callable[[], np.ndarray], truth: np.ndarray) -> None:
+    def __init__(
+        self, step: Callable[[], tuple[float, float]], view: Callable[[], np.ndarray], truth: np.ndarray
+    ) -> None:
         super().__init__()
         self._step, self._view, self._truth = step, view, truth
+        self.loss: list[float] = []  # of each step
         self.psnr: list[float] = []  # dB, of the batch of each step
         self.refresh()
 
@@ -56,20 +63,28 @@ class Training(Background):
             self.refresh()
 
     def figure(self) -> Figure:
-        """The curve, what the field shows, and what it should show."""
+        """PSNR and loss, what the field shows, and what it should show."""
         figure = Figure(figsize=(11, 3.4), layout="constrained")
         curve, shown, true = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
         steps = np.arange(len(self.psnr)) + 1
-        curve.plot(steps, self.psnr, color=SKY, linewidth=0.8, label="each step")
-        if steps.size > 20:
-            curve.plot(steps[19:], np.convolve(self.psnr, np.full(20, 0.05), "valid"), color=BLUE, label="mean of 20")
-        curve.set(xlabel="step", ylabel="PSNR of the batch (dB)")
+        curve.plot(steps, self.psnr, color=SKY, linewidth=0.8)
+        loss = curve.twinx()
+        loss.plot(steps, self.loss, color=ORANGE, linewidth=0.8, alpha=0.3)
+        if steps.size >= _MEAN:
+            for ax, values, color in ((curve, self.psnr, BLUE), (loss, self.loss, ORANGE)):
+                ax.plot(steps[_MEAN - 1 :], running_mean(np.array(values), _MEAN), color=color)
+        curve.set(xlabel="step", title=f"thick: mean of {_MEAN} steps")
+        curve.set_ylabel("PSNR of the batch (dB)", color=BLUE)
         curve.grid(alpha=0.3)
+        loss.set_ylabel("loss", color=ORANGE)
+        if min(self.loss, default=0) > 0:
+            loss.set_yscale("log")
+            loss.yaxis.set_major_formatter("{x:g}")
+            loss.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            loss.yaxis.set_minor_formatter(NullFormatter())
         for ax, image, title in ((shown, self._view(), f"step {len(steps)}"), (true, self._truth, "a camera")):
             ax.imshow(np.clip(image, 0, 1) if image.dtype != np.uint8 else image)
             ax.set(xticks=[], yticks=[], title=title)
-        if steps.size:
-            curve.legend(frameon=False, fontsize=8, loc="lower right")
         self.say_error(figure)
         return figure
 
@@ -80,7 +95,9 @@ class Training(Background):
     def _run(self, steps: float, every: int) -> None:
         done = 0
         while done < steps and not self.stopped.is_set():
-            self.psnr.append(float(-10 * np.log10(max(self._step(), 1e-10))))
+            loss, error = self._step()
+            self.loss.append(float(loss))
+            self.psnr.append(float(-10 * np.log10(max(error, 1e-10))))
             done += 1
             if done % every == 0:
                 self.refresh()
@@ -156,7 +173,7 @@ class Views(Live):
         return figure
 
 
-class Plans(Live):
+class Plans(Ends):
     """Choose a start and a goal; a way is planned on a predicted map, and judged on the true one.
 
     Args:
@@ -178,16 +195,11 @@ class Plans(Live):
     def __init__(
         self, states: np.ndarray, truth: TrueMap, start: tuple[float, float], goal: tuple[float, float]
     ) -> None:
-        super().__init__()
+        low, high = truth.grid.centers(np.array([[0, 0], np.array(truth.grid.shape) - 1]))
+        super().__init__(low, high, start, goal)
         self._states, self._truth = states, truth
         self._free = grow(states == CellState.FREE, PREDICTED_DILATION, truth.grid.cell)
         self._passable = grow(truth.free, TRUE_DILATION, truth.grid.cell)
-        low, high = truth.grid.centers(np.array([[0, 0], np.array(truth.grid.shape) - 1]))
-        self.sliders = {
-            f"{end} {axis}": self.slider(f"{end} {axis}", float(low[k]), float(high[k]), float(place[k]))
-            for end, place in {"start": start, "goal": goal}.items()
-            for k, axis in enumerate("xy")
-        }
         self.refresh()
 
     @property
@@ -195,14 +207,9 @@ class Plans(Live):
         """The plan and its judgement, as in the task; ``shortest`` is inf where the robot does not fit or get."""
         return self._plan()[0]
 
-    def controls(self) -> list[Any]:
-        """Sliders: x and y of both ends, metres."""
-        ends = list(self.sliders.values())
-        return [self.widgets.HBox(ends[:2]), self.widgets.HBox(ends[2:])]
-
     def figure(self) -> Figure:
         """The way on the predicted map; the same, and the shortest one, on the true map."""
-        (episode, field), (start, goal) = self._plan(), self._ends()
+        (episode, field), (start, goal) = self._plan(), self.ends
         grid, truth = self._truth.grid, self._truth
         true_states = np.where(truth.free, CellState.FREE, np.where(truth.occupied, CellState.OCCUPIED, 0))
         rows, cols = grid.shape
@@ -237,14 +244,10 @@ class Plans(Live):
 
     def _plan(self) -> tuple[Episode, np.ndarray]:
         """The episode, and the true distances to its goal."""
-        cells = world_to_cell(self._ends(), self._truth.grid.origin, self._truth.grid.cell)
+        cells = world_to_cell(self.ends, self._truth.grid.origin, self._truth.grid.cell)
         field = travel_distance(self._passable, cells[1:], self._truth.grid.cell)
         shortest = np.array([field[tuple(cells[0])]])
         nobody = np.full((NUM_CLASSES, 1), np.inf)
         tasks = Tasks(self._passable, cells[:1], cells[1:], np.maximum(shortest, 1e-9), (), nobody)
         (episode,) = plan_points(self._free, tasks, self._truth.grid.cell)
         return episode, field
-
-    def _ends(self) -> np.ndarray:
-        """(2, 2) world x, y of start and goal."""
-        return np.array([slider.value for slider in self.sliders.values()]).reshape(2, 2)

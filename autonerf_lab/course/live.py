@@ -43,10 +43,13 @@ class Live(ABC):
     def refresh(self, change: object = None) -> None:
         """Draw the picture again; also what a control calls when it was changed."""
         data = io.BytesIO()
-        figure = self.figure()
-        figure.savefig(data, format="png", dpi=_DPI, facecolor="white")
-        self._shown.value = data.getvalue()
-        self._words = describe(figure)
+        self._figure = self.figure()
+        self._figure.savefig(data, format="png", dpi=_DPI, facecolor="white")
+        self._words = describe(self._figure)
+        self._show(data.getvalue())
+
+    def _show(self, picture: bytes) -> None:
+        self._shown.value = picture
 
     def slider(
         self, name: str, low: float, high: float, value: float, step: float = 0.05, while_dragged: bool = False

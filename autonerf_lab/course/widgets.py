@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from autonerf_lab.course.ends import Ends
 from autonerf_lab.course.live import Live, plain
 from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.errors import RewardError
@@ -20,10 +21,11 @@ from autonerf_lab.viz.map_figures import draw_map, map_extent
 
 _COLORS = (BLUE, ORANGE, GREEN, "#CC79A7", SKY, "#999999", "#E69F00")
 _BUTTONS = {"turn left": Action.TURN_LEFT, "forward": Action.FORWARD, "turn right": Action.TURN_RIGHT}
+_ICONS = {"turn left": "arrow-left", "forward": "arrow-up", "turn right": "arrow-right", "start again": "undo"}
 
 
 class Drive(Live):
-    """Drive the robot with three buttons, and see what a reward pays for it.
+    """Drive the robot with three arrow buttons, and see what a reward pays for it.
 
     Args:
         scene: a name or a scene.
@@ -42,7 +44,7 @@ class Drive(Live):
         super().__init__()
         self._env = ExploreEnv(scene=scene, reward=reward, **options)
         self._name, self._unit, self._seed = name_of(reward), unit_of(make_reward(reward)), seed
-        self.buttons = {name: self.widgets.Button(description=name) for name in (*_BUTTONS, "start again")}
+        self.buttons = {name: self.widgets.Button(description=name, icon=icon) for name, icon in _ICONS.items()}
         for name, action in _BUTTONS.items():
             self.buttons[name].on_click(partial(self._press, action))
         self.buttons["start again"].on_click(self.start)
@@ -96,7 +98,7 @@ class Drive(Live):
         self.act(action)
 
 
-class Route(Live):
+class Route(Ends):
     """Choose a start and a goal on a map, and see the shortest way between them with its distance field.
 
     Args:
@@ -114,17 +116,11 @@ class Route(Live):
     """
 
     def __init__(self, known: MapState, start: tuple[float, float], goal: tuple[float, float]) -> None:
-        super().__init__()
-        self._known = known
         rows, cols = np.nonzero(known.explored)
         low = known.origin + known.cell * (np.array([cols.min(), rows.min()]) + 0.5)
         high = known.origin + known.cell * (np.array([cols.max(), rows.max()]) + 0.5)
-        ends = {"start": start, "goal": goal}
-        self.sliders = {
-            f"{end} {axis}": self.slider(f"{end} {axis}", float(low[k]), float(high[k]), float(place[k]))
-            for end, place in ends.items()
-            for k, axis in enumerate("xy")
-        }
+        super().__init__(low, high, start, goal)
+        self._known = known
         self.sliders["clearance"] = self.slider("clearance", 0.0, 0.5, AGENT_RADIUS)
         self.refresh()
 
@@ -134,14 +130,13 @@ class Route(Live):
         return self._plan()[2]
 
     def controls(self) -> list[Any]:
-        """Sliders: x and y of both ends, and the clearance from obstacles, metres."""
-        ends = list(self.sliders.values())
-        return [self.widgets.HBox(ends[:2]), self.widgets.HBox(ends[2:4]), ends[4]]
+        """Those of the ends, and a slider for the clearance from obstacles, metres."""
+        return [*super().controls(), self.sliders["clearance"]]
 
     def figure(self) -> Figure:
         """The map with the distance to the goal in steps of half a metre, and the way."""
         field, path, length = self._plan()
-        known, (start, goal) = self._known, self._ends()
+        known, (start, goal) = self._known, self.ends
         figure = Figure(figsize=(8, 6), layout="constrained")
         ax = figure.subplots()
         straight = float(np.linalg.norm(start - goal))
@@ -159,14 +154,10 @@ class Route(Live):
         ax.legend(loc="upper right", fontsize=9)
         return figure
 
-    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
-        x0, y0, x1, y1 = (slider.value for slider in list(self.sliders.values())[:4])
-        return np.array([x0, y0]), np.array([x1, y1])
-
     def _plan(self) -> tuple[np.ndarray, np.ndarray, float]:
         """The distance field, the path in cells and its length."""
         known = self._known
-        start, goal = world_to_cell(np.stack(self._ends()), known.origin, known.cell)
+        start, goal = world_to_cell(self.ends, known.origin, known.cell)
         free = known.explored & ~dilate(known.occupied, self.sliders["clearance"].value / known.cell)
         field = travel_distance(free, goal[None], known.cell)
         if not np.isfinite(field[tuple(start)]):
