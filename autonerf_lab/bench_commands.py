@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg, subcommand
 
+from autonerf_lab.command_options import NO_LPIPS, LpipsFile, names_of
 from autonerf_lab.errors import DataError
 
 if TYPE_CHECKING:
@@ -43,13 +44,14 @@ class BenchRun:
     scheduler: Annotated[str | None, arg(metavar="ADDRESS", help="Of dask.distributed: its workers run the cells.")] = (
         None
     )
-    timeout: Annotated[float, arg(help="Seconds after which a cell is given up.")] = 3600.0
+    timeout: Annotated[float | None, arg(help="Seconds a cell; 3600 without, 43200 with finetuning.")] = None
     memory_gb: Annotated[float | None, arg(help="A cell may hold; its share of the machine without.")] = None
     retry: Annotated[
         str | None, arg(metavar="A,B", help="Run again what is failed (all of it), timeout, oom or died.")
     ] = None
     keep: Annotated[bool, arg(help="Leave walk, field and figures of each cell in OUT/runs.")] = False
     dry_run: Annotated[bool, arg(help="Print the cells and what they will cost, and do nothing.")] = False
+    lpips: LpipsFile = NO_LPIPS
 
     def run(self) -> None:
         """Run, and write scores and tables."""
@@ -59,12 +61,13 @@ class BenchRun:
         from autonerf_lab.benchmark.publish import publish, summary
 
         grid = self._grid().checked()
+        lpips, retry = self.lpips.load(), names_of(self.retry) or ()
         if self.dry_run:
-            print(dry_run(grid, self.out, self.workers))
+            print(dry_run(grid, self.out, self.workers, retry, None if lpips is None else lpips.sha256))
             return
         results = run_grid(
-            grid, self.out, self.workers, self.scheduler, self.timeout, self.memory_gb,
-            _names(self.retry) or (), self.keep,
+            grid, self.out, self.workers, self.scheduler, self.timeout, self.memory_gb, retry, self.keep,
+            lpips=self.lpips.lpips_weights,
         )  # fmt: skip
         print(f"\n{summary(collect(results))}")
         for path in publish(results):
@@ -75,21 +78,21 @@ class BenchRun:
         from autonerf_lab.config import preset
 
         said: dict[str, Any] = {
-            "policies": _names(self.policies),
-            "scenes": _names(self.scenes),
+            "policies": names_of(self.policies),
+            "scenes": names_of(self.scenes),
             "starts": self.starts,
-            "models": _names(self.models),
+            "models": names_of(self.models),
         }
         said = {key: value for key, value in said.items() if value is not None}
         if self.grid is not None:
             if said:
                 raise DataError(f"--grid {self.grid} says it all: leave --{next(iter(said))} out")
             grid = load_grid(self.grid)
-            return replace(grid, preset=self.preset or grid.preset, optional=_names(self.optional) or grid.optional)
+            return replace(grid, preset=self.preset or grid.preset, optional=names_of(self.optional) or grid.optional)
         if "policies" not in said:
             raise DataError("name the --policies, such as random,frontier, or a --grid, such as paper")
         return Grid(
-            **{"scenes": ("val",), **said}, preset=preset(self.preset).name, optional=_names(self.optional) or ()
+            **{"scenes": ("val",), **said}, preset=preset(self.preset).name, optional=names_of(self.optional) or ()
         )
 
 
@@ -139,8 +142,3 @@ class Bench:
     def run(self) -> None:
         """Run the subcommand."""
         self.command.run()
-
-
-def _names(text: str | None) -> tuple[str, ...] | None:
-    """``"a, b"`` -> ("a", "b")."""
-    return None if text is None else tuple(name.strip() for name in text.split(",") if name.strip())

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from autonerf_lab import config
 from autonerf_lab.dataset import load_dataset
 from autonerf_lab.errors import RunFolderError
-from autonerf_lab.run_folder import locked
+from autonerf_lab.run_folder import locked, nothing_but
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators import Scores
@@ -85,7 +85,7 @@ def _make_room(out: Path, overwrite: bool) -> None:
     """Refuse what must not be mixed with a field; remove one that is to be replaced."""
     if (out / "run.json").exists():
         raise RunFolderError(f"{out} holds a run; choose another --out for the photographs")
-    if not (out / "nerf").exists() and any(out.iterdir()):
+    if not (out / "nerf").exists() and not nothing_but(out, "nerf"):
         raise RunFolderError(f"{out} holds files but no field; choose another --out")
     if not overwrite and (out / "nerf/nerf.json").exists():
         raise RunFolderError(f"{out} holds a finished field; choose another --out, or replace it with --overwrite")

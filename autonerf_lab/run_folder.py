@@ -5,6 +5,7 @@ replaced atomically after each stage, so a run that was killed at any moment goe
 """
 
 import contextlib
+import errno
 import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -16,6 +17,9 @@ from autonerf_lab import __version__, storage
 from autonerf_lab.errors import DataError, RunFolderError
 
 FORMAT_VERSION = 1
+LOCK = ".lock"
+HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)  # what systems say of a lock that somebody has
+REMOVED = (errno.ENOENT, errno.ESTALE)  # and of a folder that its holder removed since we made it; NFS says the second
 STAGES = ("scene", "explore", "fit", "evaluate", "mesh", "report")
 
 # What is made from what: doing a stage again makes these worthless.
@@ -198,7 +202,7 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
         if not overwrite:
             raise refusal
         _remove_outputs(path, STAGES)
-    elif _foreign(path):
+    elif not nothing_but(path, "run.json"):
         raise RunFolderError(f"{path} holds files but no run.json: not a run folder; choose another --out")
     run = RunFolder(path, config, {})
     run.save()
@@ -209,53 +213,80 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
 def locked(path: Path, wait: bool = False) -> Iterator[None]:
     """Keep a second process out of the folder. The lock goes with the process, however it ends.
 
+    What is locked is a file in it, ``.lock``, because network file systems lock nothing but files that are open for
+    writing. It is removed at the end; one that a killed process left is nobody's, and in nobody's way.
+
     Args:
         path: of the folder, which is made.
         wait: until the other process is gone; it may remove the folder as it leaves.
 
     Raises:
         RunFolderError: another process holds it, and we do not wait.
-        DataError: the folder cannot be made.
+        DataError: the folder cannot be made, or there are no locks on its file system.
     """
     handle = _taken(path, wait)
     try:
         yield
     finally:
         if handle is not None:
+            if _is_open(path / LOCK, handle):  # not where the folder was removed, and has a new lock of somebody else
+                with contextlib.suppress(OSError):
+                    (path / LOCK).unlink()
             os.close(handle)
+
+
+def nothing_but(path: Path, name: str) -> bool:
+    """Whether a folder holds at most its lock and a file that was cut off while it was written.
+
+    Args:
+        path: of a folder, or of nothing.
+        name: of the file.
+    """
+    return not path.exists() or all(e.name == LOCK or e.name.startswith(f".{name}.") for e in path.iterdir())
 
 
 def _taken(path: Path, wait: bool) -> int | None:
     """The handle that holds the lock; None where there are no such locks."""
+    try:
+        import fcntl
+    except ImportError:  # Windows has other locks; there two processes are the user's care
+        fcntl = None  # type: ignore[assignment]
     while True:
         try:
             path.mkdir(parents=True, exist_ok=True)
-            try:
-                import fcntl
-            except ImportError:  # Windows has other locks; there two processes are the user's care
-                return None
-            handle = os.open(path, os.O_RDONLY)
         except OSError as error:
             raise DataError(f"cannot make the folder {path}: {error.strerror}; choose another --out") from error
+        if fcntl is None:
+            return None
+        handle = None
         try:
+            handle = os.open(path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
             fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except OSError as error:
-            os.close(handle)
-            raise RunFolderError(
-                f"another process is at work in {path}; wait for it, or choose another --out"
-            ) from error
-        if path.exists() and os.path.samestat(os.fstat(handle), path.stat()):
+            if handle is not None:
+                os.close(handle)
+            if error.errno in REMOVED:
+                continue
+            if handle is not None and error.errno in HELD:
+                raise RunFolderError(
+                    f"another process is at work in {path}; wait for it, or choose another --out"
+                ) from error
+            raise DataError(f"cannot lock {path / LOCK}: {error.strerror}; choose another --out") from error
+        if _is_open(path / LOCK, handle):
             return handle
-        os.close(handle)  # the folder that it is of was removed meanwhile
+        os.close(handle)  # the file that it is of was removed meanwhile
+
+
+def _is_open(path: Path, handle: int) -> bool:
+    """Whether a path is still the file of a handle."""
+    try:
+        return os.path.samestat(os.fstat(handle), path.stat())
+    except OSError:
+        return False
 
 
 def _way_out() -> str:
     return "choose another --out, or replace it with --overwrite"
-
-
-def _foreign(path: Path) -> bool:
-    """Whether a folder without run.json holds anything; a run.json that was cut off while it was written is nothing."""
-    return path.exists() and any(not entry.name.startswith(".run.json.") for entry in path.iterdir())
 
 
 def _remove_outputs(path: Path, stages: tuple[str, ...]) -> None:

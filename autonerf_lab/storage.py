@@ -1,8 +1,11 @@
 """Files that survive a crash: written beside their place, flushed, then renamed over it. None of them runs code."""
 
+import errno
 import json
 import os
+import re
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,9 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from autonerf_lab.errors import DataError
+
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_CUT_OFF = re.compile(r"\..+\.\w+\.[a-z0-9_]{8}")  # what mkstemp makes of the prefix that write_bytes gives it
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
@@ -41,6 +47,35 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         raise DataError(
             f"cannot write {path}: {error.strerror or error}; free some space or choose another folder"
         ) from error
+
+
+def cut_off(folder: str | Path) -> Iterator[Path]:
+    """Files that a killed :func:`write_bytes` left in a folder, and nothing else; nobody will ever read them.
+
+    Example:
+        >>> folder = Path(tempfile.mkdtemp())
+        >>> for name in ("a.json", ".a.json.abc_d123", ".lock", ".a.json.backup"):
+        ...     (folder / name).touch()
+        >>> [path.name for path in cut_off(folder)]
+        ['.a.json.abc_d123']
+    """
+    for path in Path(folder).glob(".*"):
+        if _CUT_OFF.fullmatch(path.name) and path.is_file() and not path.is_symlink():
+            yield path
+
+
+def out_of_space(error: BaseException | None) -> bool:
+    """Whether a full disk, or a quota, is behind an error.
+
+    Example:
+        >>> out_of_space(OSError(errno.ENOSPC, "No space left on device")), out_of_space(ValueError())
+        (True, False)
+    """
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in _NO_SPACE:
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def write_json(path: str | Path, content: object) -> None:

@@ -3,10 +3,12 @@
 import errno
 import os
 import signal
+import threading
 import time
 import zlib
 from pathlib import Path
 
+from autonerf_lab import pipeline
 from autonerf_lab.benchmark import paper
 from autonerf_lab.benchmark.grid import Cell, label
 from autonerf_lab.benchmark.results import Outcome, load_results
@@ -37,7 +39,7 @@ def finished(cell: Cell) -> Outcome:
     return Outcome(cell, "ok", scores_of(cell), {"explore": {"seconds": 36.0, "peak_gb": 0.5}}, curves)
 
 
-def run(cell: Cell, out: Path, keep: bool) -> str:
+def run(cell: Cell, out: Path, keep: bool, lpips: str | None) -> str:
     """What ``told.json`` beside the results folder says, by cell; each call leaves a line in ``log``."""
     with (out.parent / "log").open("a") as log:
         log.write(f"{cell.name} {os.environ.get('OMP_NUM_THREADS')}\n")
@@ -53,6 +55,11 @@ def run(cell: Cell, out: Path, keep: bool) -> str:
         block = bytearray(1 << 30)
         block[:: 1 << 10] = b"x" * len(block[:: 1 << 10])
         time.sleep(600)
+    elif what == "forget":
+        return "ok"
+    elif what == "late":
+        threading.Timer(0.5, lambda: load_results(out).write(finished(cell))).start()
+        return "ok"
     elif what == "full":
         raise DataError("cannot write scores: No space left") from OSError(errno.ENOSPC, "No space left")
     elif what is not None:
@@ -60,3 +67,16 @@ def run(cell: Cell, out: Path, keep: bool) -> str:
         return what
     load_results(out).write(finished(cell))
     return "ok"
+
+
+def run_real(cell: Cell, out: Path, keep: bool, lpips: str | None) -> str:
+    """A real cell whose walk fails with the error of the number that ``told.json`` has for it, or oddly."""
+    number = read_json(out.parent / "told.json").get(cell.name)
+
+    def fail(*arguments: object, **options: object) -> None:
+        raise ValueError("odd") if number is None else OSError(number, os.strerror(number))
+
+    from autonerf_lab.benchmark.cell import run_cell  # torch: the other fakes are quick without
+
+    pipeline.begin = fail
+    return run_cell(cell, out, keep, lpips)

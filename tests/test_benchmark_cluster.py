@@ -5,13 +5,17 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import fake_cell
 import pytest
 from test_benchmark_run import GRID, NAMES, TESTS, log, statuses
 
-from autonerf_lab.benchmark import run_grid
+from autonerf_lab.benchmark import load_results, run_grid
+from autonerf_lab.benchmark import run as run_module
+from autonerf_lab.benchmark.cluster import key_of
+from autonerf_lab.benchmark.worker import Job
 from autonerf_lab.errors import DataError
 
 distributed = pytest.importorskip("distributed")
@@ -49,7 +53,7 @@ def cluster(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")]))
     scheduler, address = start(SCHEDULER)
     workers = [start(WORKER, address)[0] for _ in range(2)]
-    yield address, workers
+    yield address, workers, scheduler
     for process in (*workers, scheduler):
         process.kill()
         process.wait()
@@ -57,7 +61,7 @@ def cluster(monkeypatch):
 
 
 def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, cluster) -> None:
-    address, workers = cluster
+    address, workers, _ = cluster
     (tmp_path / "told.json").write_text(json.dumps({name: "slow" for name in NAMES[:4]} | {NAMES[5]: "failed: odd"}))
     code = (
         "import sys; from pathlib import Path; import test_benchmark_run as t, fake_cell\n"
@@ -74,6 +78,33 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, cluster) -> None:
     results = run_grid(GRID, tmp_path / "out", scheduler=address, function=fake_cell.FUNCTION)
     assert statuses(results) == dict.fromkeys(NAMES, "ok") | {NAMES[5]: "failed"}
     assert set(log(tmp_path)) == set(NAMES) and len(log(tmp_path)) <= len(NAMES) + 1, "one cell began again, at most"
+
+
+def test_the_dashboard_shows_cells_by_name_and_keys_are_those_of_one_grid() -> None:
+    split = pytest.importorskip("distributed.utils").key_split
+    cells = [*GRID.cells(), *(replace(cell, preset="fast") for cell in GRID.cells())]
+    jobs = [Job(cell, out) for cell in cells for out in ("/shared/a", "/shared/b")]
+    keys = [key_of(job) for job in jobs]
+    assert len(set(keys)) == len(jobs), "one key a results folder and preset"
+    assert [split(key) for key in keys] == [job.cell.name.replace("-", ".") for job in jobs]
+    assert keys == [key_of(job) for job in jobs]
+
+
+def test_a_scheduler_that_is_lost_is_no_fault_of_the_cells(tmp_path: Path, cluster, monkeypatch) -> None:
+    address, _, scheduler = cluster
+    (tmp_path / "told.json").write_text(json.dumps(dict.fromkeys(NAMES, "slow")))
+    settle = run_module._settle
+
+    def then_kill(results, cell, status):
+        settle(results, cell, status)
+        scheduler.kill()
+
+    monkeypatch.setattr(run_module, "_settle", then_kill)
+    monkeypatch.setattr("autonerf_lab.benchmark.cluster.CONNECT_SECONDS", 2)
+    with pytest.raises(DataError, match=f"the scheduler at {address} was lost; the same command goes on"):
+        run_grid(GRID, tmp_path / "out", scheduler=address, function=fake_cell.FUNCTION)
+    found = statuses(load_results(tmp_path / "out"))
+    assert set(found.values()) == {"ok"} and len(found) < len(NAMES)
 
 
 def test_nobody_at_the_address(tmp_path: Path, monkeypatch) -> None:

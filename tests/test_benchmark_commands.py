@@ -6,7 +6,7 @@ import fake_cell
 import pytest
 
 from autonerf_lab import cli
-from autonerf_lab.benchmark import Grid
+from autonerf_lab.benchmark import Grid, Outcome
 from autonerf_lab.benchmark.results import open_results
 
 POLICIES = ("random", "frontier", "modular-obs")
@@ -30,7 +30,7 @@ def test_dry_run_costs_nothing_and_knows_what_is_done(results, tmp_path, capsys)
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "val-0_random_0_semantic-nerfacto"
     assert printed[-2] == "12 cells, 12 to run, 2 at a time"
-    assert re.fullmatch(r"about 0\.3 hours and 0\.\d\d GB, from a cell of 180 s on two cores .*", printed[-1])
+    assert re.fullmatch(r"about 0\.6 hours and 0\.\d\d GB, from a cell of 180 s on two cores .*", printed[-1])
     assert not (tmp_path / "new").exists()
     results.discard(results.outcomes()[:10])
     assert bench(*words, results.path, "--dry-run", "--preset", "fast") == 0
@@ -38,6 +38,44 @@ def test_dry_run_costs_nothing_and_knows_what_is_done(results, tmp_path, capsys)
     assert printed[-2:][0] == "12 cells, 10 to run, 1 at a time"
     assert printed[-1].startswith("about 0.1 hours and ") and printed[-1].endswith("from 2 finished cells: 36 s each")
     assert printed[11].endswith("finished")
+    assert bench(*words, results.path, "--dry-run", "--preset", "fast", "--workers", 2) == 0
+    assert "about 0.1 hours" in capsys.readouterr().out, "they ran as many at a time, and shared the cores"
+
+
+def test_dry_run_is_about_what_would_be_run(results, capsys):
+    words = ("run", "--policies", "random,frontier,modular-obs", "--scenes", "val-0,val-1", "--starts", 2, "--preset",
+             "fast", "--dry-run", "--out", results.path)  # fmt: skip
+    for cell, status in zip(results.grid.cells(), ("failed: odd", "timeout: 9 s"), strict=False):
+        results.write(Outcome(cell, status))
+    for more, count in ((), 0), (("--retry", "timeout"), 1), (("--retry", "failed"), 2):
+        assert bench(*words, *more) == 0
+        printed = capsys.readouterr().out.splitlines()
+        assert f"12 cells, {count} to run" in printed[-2]
+        assert printed[-1].startswith("about" if count else "nothing is left to run")
+    assert printed[0].endswith("semantic-nerfacto") and printed[2].endswith("finished")
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (("--models", "instant-ngp"), "no cell of instant-ngp was measured in preset fast yet"),
+        (("--preset", "paper"), "no cell of semantic-nerfacto was measured in preset paper yet"),
+        (("--optional", "navigation"), "no cell of semantic-nerfacto with navigation was measured in preset fast yet"),
+    ],
+)
+def test_dry_run_does_not_guess(more, words, tmp_path, capsys):
+    chosen = () if "--preset" in more else ("--preset", "fast")
+    assert bench("run", "--policies", "random", *chosen, *more, "--dry-run", "--out", tmp_path / "out") == 0
+    assert words in capsys.readouterr().out
+
+
+def test_dry_run_of_a_damaged_or_other_folder_is_an_error(results, capsys):
+    words = ("run", "--policies", "random", "--preset", "fast", "--dry-run", "--out", results.path)
+    assert bench(*words) == 1
+    assert "holds the results of another grid (policies: " in capsys.readouterr().err
+    (results.path / "grid.json").write_text("{")
+    assert bench(*words) == 1
+    assert "grid.json is not readable JSON" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -50,6 +88,10 @@ def test_dry_run_costs_nothing_and_knows_what_is_done(results, tmp_path, capsys)
         (["--grid", "papers"], "unknown grid 'papers'; valid names: FILE.py, paper"),
         (["--grid", "paper", "--starts", "2"], "leave --starts out"),
         ([], "name the --policies"),
+        (["--policies", "random", "--lpips-weights", "nowhere.safetensors"], "nowhere.safetensors does not exist"),
+        (["--policies", "random", "--lpips-sha256", "00"], "give --lpips-weights too"),
+        (["--policies", "random", "--workers", "-1"], "workers must be a whole number"),
+        (["--policies", "random", "--timeout", "0"], "timeout must be more than 0"),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_made(arguments, words, tmp_path, capsys):

@@ -1,6 +1,6 @@
 """A grid runs every cell once, whatever happens to the others, and refuses what it cannot do before it begins."""
 
-import copy
+import errno
 import json
 import os
 import signal
@@ -12,10 +12,14 @@ from pathlib import Path
 import fake_cell
 import pytest
 
-from autonerf_lab.benchmark import Grid, load_results, paper_grid, run_grid
-from autonerf_lab.benchmark.grid import load_grid
+from autonerf_lab.benchmark import Grid, load_results, paper_grid, processes, run_grid
+from autonerf_lab.benchmark import run as run_module
+from autonerf_lab.benchmark.processes import Limits, run_in_processes
 from autonerf_lab.benchmark.publish import publish
-from autonerf_lab.errors import AutoNerfError, DataError, RunFolderError, UnknownNameError
+from autonerf_lab.benchmark.results import open_results
+from autonerf_lab.benchmark.worker import Job
+from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.machine import cores
 
 TESTS = Path(__file__).parent
 GRID = Grid(("random", "frontier"), ("val-0", "val-1"), 2, preset="smoke")
@@ -54,8 +58,7 @@ def test_every_cell_runs_once_and_twice_changes_nothing(tmp_path, workers):
 
 def test_threads_are_divided(tmp_path):
     run(tmp_path, workers=2)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    assert {line.split()[1] for line in (tmp_path / "log").read_text().splitlines()} == {str(max(1, cores // 2))}
+    assert {line.split()[1] for line in (tmp_path / "log").read_text().splitlines()} == {str(max(1, cores() // 2))}
 
 
 def test_a_cell_that_goes_wrong_does_so_alone_and_is_retried_on_request(tmp_path):
@@ -89,6 +92,134 @@ def test_a_full_disk_stops_the_run_and_loses_nothing(tmp_path, workers):
     assert sorted(log(tmp_path)) == sorted([*NAMES, NAMES[3]])
 
 
+LIMITED = """
+import resource, sys
+sys.path.insert(0, sys.argv[1])
+import test_benchmark_run as t, pathlib
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
+try:
+    t.run(pathlib.Path(sys.argv[2]), workers=int(sys.argv[4]))
+except t.DataError as error:
+    sys.exit(f"error: {error}")
+"""
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_writes_that_really_fail_stop_the_run_and_lose_nothing(tmp_path, workers):
+    """Files may grow to no more than the first cell's outcome has, less a byte."""
+    pytest.importorskip("resource")
+    run(tmp_path, grid=Grid(GRID.policies, GRID.scenes, 1, preset="smoke"))
+    size = (tmp_path / "out/cells" / f"{NAMES[0]}.json").stat().st_size
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "told.json").write_text("{}")
+    words = [sys.executable, "-c", LIMITED, str(TESTS), str(other), str(size - 1), str(workers)]
+    found = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert found.returncode == 1 and f"{NAMES[0]}.json: File too large" in found.stderr, found.stderr
+    assert not statuses(load_results(other / "out")) and not list(other.rglob(".*"))
+    assert statuses(run(other)) == dict.fromkeys(NAMES, "ok")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no disk that is always full")
+def test_a_log_on_a_full_disk_hides_no_outcome(tmp_path):
+    (tmp_path / "out/work").mkdir(parents=True)
+    for name in NAMES[:3]:
+        (tmp_path / "out/work" / f"{name}.log").symlink_to("/dev/full")
+    open_results(tmp_path / "new", GRID)
+    (tmp_path / "new/grid.json").rename(tmp_path / "out/grid.json")
+    (tmp_path / "told.json").write_text(json.dumps({NAMES[2]: errno.ENOSPC}))
+    with pytest.raises(DataError, match="No space left on device; what is finished stays"):
+        run_grid(GRID, tmp_path / "out", function="fake_cell:run_real")
+    found = [outcome.status for outcome in load_results(tmp_path / "out").outcomes()]
+    assert found == ["failed: ValueError: odd"] * 2
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_cell_is_not_ok_without_a_file(tmp_path, monkeypatch, workers):
+    monkeypatch.setattr(run_module, "PATIENCE", 0.5)
+    with pytest.raises(DataError, match=rf"{NAMES[1]}\.json is not there: every worker must see the folder .*/out"):
+        run(tmp_path, {NAMES[1]: "forget"}, workers=workers)
+    assert statuses(load_results(tmp_path / "out")) == {NAMES[0]: "ok"}
+
+
+def test_a_file_that_a_network_shows_late_is_waited_for(tmp_path):
+    assert statuses(run(tmp_path, {NAMES[1]: "late"}, workers=0)) == dict.fromkeys(NAMES, "ok")
+
+
+def test_memory_is_watched_however_often_answers_come(tmp_path, monkeypatch):
+    looks = []
+
+    class Quick:
+        """A worker that answers at once."""
+
+        def __init__(self, limits, answers):
+            self.answers = answers
+
+        def give(self, job):
+            self.job = job
+            self.answers.put((self, "done"))
+
+        def look(self):
+            looks.append(self.job)
+
+        def status(self, line):
+            time.sleep(0.001)
+            return line
+
+        def ended(self, line):
+            return False
+
+        def stop(self):
+            pass
+
+    monkeypatch.setattr(processes, "_Process", Quick)
+    monkeypatch.setattr(processes, "LOOK_EVERY", 0.02)
+    jobs = [Job(GRID.cells()[0], str(tmp_path)) for _ in range(200)]
+    assert [status for _, status in run_in_processes(jobs, 2, Limits())] == ["done"] * 200
+    assert len(looks) >= 5
+
+
+def test_a_peak_is_that_of_its_cell(tmp_path, monkeypatch):
+    """The first cell holds 300 MB, the second, in the same process, does not."""
+    from autonerf_lab import machine, pipeline
+    from autonerf_lab.benchmark import cell as cell_module
+
+    if not (machine.PROC / "clear_refs").exists():
+        pytest.skip("the system cannot forget a peak")
+    peaks, sizes = [], iter([300 << 20, 1])
+
+    def hold(*arguments, **options):
+        block = bytearray(next(sizes))
+        block[:: 1 << 10] = b"x" * len(block[:: 1 << 10])
+        peaks.append(machine.peak_gb())
+        raise ValueError("enough")
+
+    monkeypatch.setattr(pipeline, "begin", hold)
+    results = open_results(tmp_path / "out", GRID)
+    for cell in GRID.cells()[:2]:
+        assert cell_module.run_cell(cell, results.path).startswith("failed")
+    assert peaks[1] < peaks[0] - 0.2
+
+
+def test_only_what_a_write_left_is_tidied_away(tmp_path):
+    results = run(tmp_path)
+    left = [
+        ".grid.json.abcd_123",
+        "cells/.a.json.abcd1234",
+        "pictures/.b.webp.abcd1234",
+        "scenes/.c.txt.abcd1234",
+    ]
+    kept = [".notes", ".my.own.file", "cells/.DS_Store", "cells/.nfs00000000012345", "scenes/.keep.md.old"]
+    for name in (*left, *kept):
+        (results.path / name).parent.mkdir(exist_ok=True)
+        (results.path / name).touch()
+    (results.path / "cells/.d.json.abcd1234").mkdir()
+    (results.path / "cells/.e.json.abcd1234").symlink_to(results.path / ".notes")
+    results.tidy()
+    kept += ["cells/.d.json.abcd1234", "cells/.e.json.abcd1234"]
+    assert {str(path.relative_to(results.path)) for path in results.path.rglob(".*")} == set(kept)
+
+
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
 def test_killed_and_resumed_is_the_same_table(tmp_path):
     code = f"import sys; sys.path.insert(0, {str(TESTS)!r}); import test_benchmark_run as t; from pathlib import Path\n"
@@ -100,7 +231,7 @@ def test_killed_and_resumed_is_the_same_table(tmp_path):
         time.sleep(0.05)
     process.kill()
     process.wait()
-    (tmp_path / "out/cells/.half.json.abc").write_text("{")
+    (tmp_path / "out/cells/.half.json.abc_1234").write_text("{")
     time.sleep(0.5)
     begun = log(tmp_path)
     done = set(statuses(load_results(tmp_path / "out")))
@@ -123,48 +254,6 @@ def test_a_second_process_is_kept_out(tmp_path):
         run(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"policies": ("random", "frontire")}, "unknown policy 'frontire'; valid names: all, "),
-        ({"scenes": ("val-9",)}, "unknown scene 'val-9'; valid names: all, dev, "),
-        ({"scenes": ("nowhere.glb",)}, "nowhere.glb"),
-        ({"models": ("gauss",)}, "unknown model 'gauss'; valid names: all, instant-ngp"),
-        ({"preset": "fats"}, "unknown preset 'fats'"),
-        ({"starts": 0}, "starts must be at least 1"),
-        ({"scenes": ()}, "no cell"),
-    ],
-)
-def test_bad_names_fail_before_anything_is_made(tmp_path, change, words):
-    with pytest.raises(AutoNerfError, match=words):
-        run(tmp_path, grid=Grid(**{**GRID.__dict__, **change}))
-    assert not (tmp_path / "out").exists() and not (tmp_path / "log").exists()
-
-
-def test_bad_status_to_retry(tmp_path):
-    with pytest.raises(UnknownNameError, match="valid names: died, failed, oom, timeout") as raised:
-        run(tmp_path, retry=["slow"])
-    assert str(copy.copy(raised.value)) == str(raised.value), "a worker process can send it"
-
-
-def test_results_of_another_grid_or_version_are_refused(tmp_path):
-    run(tmp_path)
-    with pytest.raises(RunFolderError, match=r"another grid \(starts: 2, not 3\)"):
-        run(tmp_path, grid=Grid(**{**GRID.__dict__, "starts": 3}))
-    header = tmp_path / "out/grid.json"
-    header.write_text(header.read_text().replace('"package": "', '"package": "9.'))
-    with pytest.raises(RunFolderError, match="was made by autonerf-lab 9"):
-        run(tmp_path)
-    header.write_text("{")
-    with pytest.raises(DataError, match=r"grid\.json"):
-        run(tmp_path)
-    (tmp_path / "foreign").mkdir()
-    (tmp_path / "foreign/thesis.txt").touch()
-    with pytest.raises(RunFolderError, match="not a results folder"):
-        run_grid(GRID, tmp_path / "foreign", function=fake_cell.FUNCTION)
-    assert len(log(tmp_path)) == len(NAMES)
-
-
 def test_a_damaged_cell_is_named(tmp_path):
     results = run(tmp_path)
     path = tmp_path / "out/cells" / f"{NAMES[0]}.json"
@@ -180,20 +269,6 @@ def test_names_of_groups():
     assert grid.policies == tuple(POLICIES)
     assert grid.scenes == ("val-0", "val-1", "val-2", "val-3", "val-4", "dev-1")
     assert len(paper_grid().policies) == 10 and paper_grid().starts == 5
-
-
-def test_a_grid_is_a_python_file(tmp_path):
-    path = tmp_path / "mine.py"
-    path.write_text('from autonerf_lab.benchmark import Grid\nGRID = Grid(("random",), ("dev-0",), 1)\n')
-    assert load_grid(str(path)) == Grid(("random",), ("dev-0",), 1)
-    path.write_text("GRID = 3")
-    with pytest.raises(DataError, match="must set GRID"):
-        load_grid(str(path))
-    path.write_text("import nowhere_to_be_found")
-    with pytest.raises(DataError, match="nowhere_to_be_found"):
-        load_grid(str(path))
-    with pytest.raises(UnknownNameError, match=r"FILE\.py, paper"):
-        load_grid("papers")
 
 
 def test_a_cell_that_failed_begins_anew_and_one_that_was_ended_goes_on(tmp_path):

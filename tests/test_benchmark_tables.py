@@ -2,13 +2,17 @@
 
 import html
 import math
+from dataclasses import replace
 
 import fake_cell
+import numpy as np
 import pytest
 
 from autonerf_lab.benchmark import Grid, Outcome, Results, paper
 from autonerf_lab.benchmark.collect import collect, paired
+from autonerf_lab.benchmark.compare import COLUMNS, compare
 from autonerf_lab.benchmark.correlations import pearson
+from autonerf_lab.benchmark.publish import publish
 from autonerf_lab.benchmark.table import Entry, Table
 from autonerf_lab.benchmark.tables import TABLES, all_tables, number, table
 from autonerf_lab.errors import RunFolderError, UnknownNameError
@@ -90,6 +94,33 @@ def test_differences_are_paired(tmp_path):
     assert made["mIoU [%]"].text == "–"
 
 
+def test_variants_are_compared_with_each_other_only_and_paired(tmp_path):
+    grid = Grid(("frontier", "modular-obs"), GRID.scenes, 1, (MODEL, "instant-ngp"), "smoke")
+    results = Results(tmp_path, grid)
+    values = {("modular-obs", MODEL): [25.0, 30.0, 20.0], ("modular-obs", "instant-ngp"): [24.0, 29.0, 18.9],
+              ("frontier", MODEL): [50.0, 50.0, 50.0], ("frontier", "instant-ngp"): [50.0, 50.0, 50.0]}  # fmt: skip
+    for cell in grid.cells():
+        value = values[cell.policy, cell.model][int(cell.scene[-1])]
+        results.write(Outcome(cell, "ok", (Score("rendering", "psnr", value),), {}))
+    made = table("variants", collect(results))
+    assert [row[1].bold for row in made.rows] == [True, False, True], "walks that are not in the table do not count"
+    # differences -1, -1, -1.1: their standard deviation is 0.1 / sqrt(3), that of their mean 1 / 30
+    assert made.rows[2][1].text == f"-1.03 ± {4.302653 / 30:.2f}"
+
+
+def test_modular_policies_stand_against_end_to_end_ones_and_the_power_is_said(tmp_path):
+    grid = Grid(("modular-cov", "modular-obs", "e2e-nov"), GRID.scenes, 1, preset="smoke")
+    values = {"modular-cov": [3.0, 5.0, 4.0], "modular-obs": [4.0, 6.0, 5.2], "e2e-nov": [1.0, 2.0, 3.0]}
+    made = table("differences", collect(folder(tmp_path, values, grid)))
+    assert [row[0].text for row in made.rows] == ["modular-cov − e2e-nov", "modular-obs − e2e-nov"]
+    assert entries(made, 0)["PSNR [dB]"].text == f"+2.00 ± {4.302653 / math.sqrt(3):.2f}"  # 2, 3, 1
+    halves = [4.302653 * np.std(d, ddof=1) / math.sqrt(3) for d in ([2, 3, 1], [3, 4, 2.2])]
+    assert made.note == f"Smallest difference that 3 scenes could tell (median): PSNR [dB] {np.mean(halves):.2f}."
+    one = Grid(grid.policies, ("val-0",), 1, preset="smoke")
+    alone = table("differences", collect(folder(tmp_path / "one", values, one)))
+    assert alone.rows and not alone.note, "a single scene has no interval"
+
+
 def test_rows_of_two_folders_in_one_table(tmp_path):
     mine = Grid(("/runs/modular-bumps/policy.safetensors",), GRID.scenes, 1, preset="smoke")
     results = [
@@ -102,6 +133,10 @@ def test_rows_of_two_folders_in_one_table(tmp_path):
         collect(results[0], results[0])
     with pytest.raises(RunFolderError, match="several presets"):
         collect(results[0], folder(tmp_path / "c", {mine.policies[0]: [5.0] * 3}, Grid(mine.policies, mine.scenes, 1)))
+    for k, digest in enumerate(("01", "02")):
+        results[k].identity = {"weights": {"modular-obs": digest}}
+    with pytest.raises(RunFolderError, match=r"differ in weights of modular-obs: 01, not 02; compare them"):
+        collect(*results)
     one, two = collect(results[0]), collect(results[1])
     d = paired(two, two.rows[0], one, one.rows[0], ("rendering", "psnr"))
     assert (d.mean, d.half) == (4.0, 0.0)
@@ -120,25 +155,70 @@ def test_every_table_can_be_made_of_anything(tmp_path):
         assert {len(row) for row in made.rows} == {len(made.header)}, made.name
         assert html.escape(made.title) in made.html() and made.name in made.latex() and made.rows[0][0].text
     variants = table("variants", collect(results))
-    assert [row[0].text for row in variants.rows] == [f"{MODEL}, modular-obs", "instant-ngp, modular-obs"]
-    assert [row[2].text for row in variants.rows] == ["25.56", "24.92"]
+    words = [f"{MODEL}, modular-obs", "instant-ngp, modular-obs", f"instant-ngp − {MODEL}, modular-obs"]
+    assert [row[0].text for row in variants.rows] == words
+    assert [row[2].text for row in variants.rows] == ["25.56", "24.92", "–"]
     with pytest.raises(UnknownNameError, match="correlations"):
         table("rendring", collect(results))
 
 
 def test_correlations_of_the_modular_policies_by_scene(tmp_path):
-    policies = ("frontier", "modular-cov", "modular-obs")
+    policies = ("frontier", "modular-cov", "modular-obs", "modular-mine")
     grid = Grid(policies, ("val-0",), 2, preset="smoke")
     results = Results(tmp_path, grid)
     numbers = {("modular-cov", 0): (1, 1), ("modular-cov", 1): (2, 2), ("modular-obs", 0): (3, 3),
-               ("modular-obs", 1): (4, 4.1), ("frontier", 0): (9, -9), ("frontier", 1): (7, 100)}  # fmt: skip
+               ("modular-obs", 1): (4, 4.1), ("frontier", 0): (9, -9), ("frontier", 1): (7, 100),
+               ("modular-mine", 0): (5, -5), ("modular-mine", 1): (6, -6)}  # fmt: skip
     for cell in grid.cells():
         x, y = numbers[cell.policy, cell.start]
         results.write(Outcome(cell, "ok", (Score("reward", "cov", x), Score("rendering", "psnr", y)), {}))
     made = table("correlations", collect(results))
     assert made.header[:3] == ("", "val-0", "paper 0") and made.note.startswith("0 to 4 points")
+    assert made.note.endswith(f"walks of the modular policies, fields of {MODEL}.")
     assert [e.text for e in made.rows[0]] == ["PSNR, cov", "1.00", "0.73", "0.77", "0.95", "0.48", "–"]
     assert made.rows[1][1].text == "–"
+
+
+def test_correlations_of_all_policies_where_there_is_no_modular_one(tmp_path):
+    grid = Grid(("frontier", "modular-mine"), ("val-0",), 2, preset="smoke")
+    results = Results(tmp_path, grid)
+    for k, cell in enumerate(grid.cells()):
+        results.write(Outcome(cell, "ok", (Score("reward", "cov", k), Score("rendering", "psnr", k)), {}))
+    made = table("correlations", collect(results))
+    assert made.rows[0][1].text == "1.00" and "0 to 4 points a scene: walks of all policies" in made.note
+
+
+def test_compare_has_every_score_and_refuses_other_presets(tmp_path):
+    keys = [("navigation", "success"), ("finetuning", "spl_finetuned")]
+    both = []
+    for k in range(2):
+        made = Results(tmp_path / str(k), GRID)
+        for cell in GRID.cells():
+            made.write(Outcome(cell, "ok", tuple(Score(*key, 50.0 + k) for key in keys), {}))
+        both.append(collect(made))
+    assert [row[1].text for row in compare(*both).rows] == ["+1.0 ± 0.0", "+1.0 ± 0.0"]
+    assert {(c.task, c.metric) for c in COLUMNS} >= {(c.task, c.metric) for c in (*paper.NAVIGATION, *paper.FINETUNING)}
+    with pytest.raises(RunFolderError, match="one folder is of preset smoke, the other of fast"):
+        compare(both[0], replace(both[1], preset="fast"))
+
+
+@pytest.mark.parametrize(
+    ("said", "kept"),
+    [
+        ("failed: one\n\ttwo\x1b[31m\u2028three", "failed: one two [31m three"),
+        ("failed: " + "x" * 999, "failed: " + "x" * 289 + "..."),
+    ],
+)
+def test_a_status_is_a_line_of_letters(tmp_path, said, kept):
+    results = folder(tmp_path, {"frontier": [said] * 3, "modular-obs": [1.0] * 3})
+    assert collect(results).missing[0].status == kept and len(kept) <= 300
+
+
+def test_statuses_are_escaped_in_tables(tmp_path):
+    results = folder(tmp_path, {"frontier": ["failed: <b>|*a*_b_"] * 3, "modular-obs": [1.0] * 3})
+    publish(results)
+    text = (tmp_path / "tables.md").read_text()
+    assert r"- val-0\_frontier\_0\_semantic-nerfacto: failed: \<b>\|\*a\*\_b\_" in text.splitlines()
 
 
 def test_pearson_by_hand():
@@ -157,12 +237,11 @@ def test_text_is_escaped():
 
 def test_figures_of_the_paper_agree_with_those_beside_a_run():
     """The best of each column, and the frontier row, stand in another module too."""
-    columns = {column.key: column for columns in (paper.RENDERING, paper.MAPS, paper.PLANNING, paper.POSE)
-               for column in columns}  # fmt: skip
+    columns = {column.key: column for column in COLUMNS}
     for key, (best, frontier) in PAPER.items():
-        values = [by[key] for by in paper.BY_POLICY.values()]
+        values = [by[key] for by in paper.BY_POLICY.values() if key in by]
         assert (max(values) if columns[key].better > 0 else min(values)) == pytest.approx(best)
-        assert paper.BY_POLICY["frontier"][key] == pytest.approx(frontier)
+        assert paper.BY_POLICY["frontier"].get(key) == (frontier if frontier is None else pytest.approx(frontier))
     assert number(paper.BY_POLICY["modular-obs"]["pose_refinement", "translation_error_m"], paper.POSE[2]) == "7.65"
     strongest = [r for (reward, _), rs in paper.CORRELATIONS.items() if reward == "obs" for r in rs]
     assert strongest.count("-") == 15 and len(strongest) == 40

@@ -1,6 +1,11 @@
 """A run folder says what it holds, is never mixed up, and loses nothing that was not asked to go."""
 
+import errno
 import json
+import os
+import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -134,6 +139,66 @@ def test_two_processes_do_not_share_a_folder(tmp_path):
     with locked(tmp_path), pytest.raises(RunFolderError, match="another process"), locked(tmp_path):
         pass
     with locked(tmp_path):  # and the lock is free again
+        pass
+
+
+def test_a_lock_leaves_nothing_and_one_of_a_killed_process_is_nobody_s(tmp_path):
+    pytest.importorskip("fcntl")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run/.lock").touch()
+    with locked(tmp_path / "run"):
+        assert not open_run(tmp_path / "run", CONFIG).finished("scene"), "a lock is not somebody's file"
+        assert (tmp_path / "run/.lock").exists()
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["run.json"]
+
+
+def test_who_waits_gets_the_folder_also_when_it_is_removed_meanwhile(tmp_path):
+    pytest.importorskip("fcntl")
+    path, order = tmp_path / "work", []
+
+    def second():
+        with locked(path, wait=True):
+            order.append("second")
+            with pytest.raises(RunFolderError, match="another process"), locked(path):
+                pass
+
+    with ThreadPoolExecutor(1) as pool:
+        with locked(path):
+            waiting = pool.submit(second)
+            time.sleep(0.3)
+            shutil.rmtree(path)
+            order.append("first")
+        waiting.result(timeout=30)
+    assert order == ["first", "second"]
+    assert path.exists() and not list(path.iterdir())
+
+
+def test_who_leaves_a_removed_folder_leaves_the_lock_of_the_next_one_alone(tmp_path):
+    pytest.importorskip("fcntl")
+    path = tmp_path / "work"
+    with locked(path):
+        shutil.rmtree(path)
+        after = locked(path)
+        after.__enter__()
+    with pytest.raises(RunFolderError, match="another process"), locked(path):
+        pass
+    after.__exit__(None, None, None)
+    assert not list(path.iterdir())
+
+
+def test_a_lock_that_is_not_held_but_impossible_says_so(tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl")
+
+    def flock(handle, how):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with pytest.raises(DataError, match=r"cannot lock .*\.lock: No locks available"), locked(tmp_path):
+        pass
+    monkeypatch.undo()
+    (tmp_path / ".lock").unlink()
+    (tmp_path / ".lock").mkdir()
+    with pytest.raises(DataError, match=r"cannot lock .*\.lock: Is a directory"), locked(tmp_path):
         pass
 
 

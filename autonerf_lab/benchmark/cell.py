@@ -1,6 +1,6 @@
 """One cell of a grid: explore, fit, evaluate, in a run folder that any other command understands."""
 
-import errno
+import contextlib
 import io
 import re
 import shutil
@@ -11,79 +11,68 @@ from pathlib import Path
 
 from PIL import Image
 
-from autonerf_lab import pipeline, storage
+from autonerf_lab import machine, pipeline, storage
 from autonerf_lab.benchmark.grid import Cell, label
 from autonerf_lab.benchmark.results import OK, Outcome, Results, load_results
 from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import Scores
+from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.run_folder import load_run, locked
 from autonerf_lab.types import Score
 
 PICTURES = {"walk": "explore_from_above.png", "rendering": "evaluate_comparison.png", "maps": "evaluate_overlay.png"}
 PICTURE_WIDTH = 900
-NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-def run_cell(cell: Cell, out: Path, keep: bool = False) -> str:
+def run_cell(cell: Cell, out: Path, keep: bool = False, lpips: str | None = None) -> str:
     """Run a cell, or what is left of it, and write its outcome.
 
     Args:
         cell: of the grid of ``out``.
         out: the results folder.
         keep: leave everything that was made in ``runs/CELL``; else only scores and small pictures stay.
+        lpips: the file of its weights; it is not measured without.
 
     Returns:
         The status. Whatever goes wrong inside a cell is one: it is written down, with the reason.
 
     Raises:
         DataError: no space is left: nothing more can be written down.
+        RunFolderError: the grid was begun by another version of the package.
     """
-    results = load_results(out)
+    results = load_results(out, to_run=True)
     with locked(results.work(cell), wait=True):  # one that lost its parent a moment ago may not know yet
         done = results.read(cell)
         if done is None:
-            done = _attempt(cell, results, keep)
+            done = _attempt(cell, results, keep, lpips)
             results.write(done)
         if done.finished:
             shutil.rmtree(results.work(cell), ignore_errors=True)
         return done.status
 
 
-def out_of_space(error: BaseException | None) -> bool:
-    """Whether a full disk is behind an error.
-
-    Example:
-        >>> out_of_space(OSError(errno.ENOSPC, "No space left on device")), out_of_space(ValueError())
-        (True, False)
-    """
-    while error is not None:
-        if isinstance(error, OSError) and error.errno in NO_SPACE:
-            return True
-        error = error.__cause__ or error.__context__
-    return False
-
-
-def _attempt(cell: Cell, results: Results, keep: bool) -> Outcome:
+def _attempt(cell: Cell, results: Results, keep: bool, lpips: str | None) -> Outcome:
+    machine.forget_peak()  # of the cell that this process ran before
     folder = results.kept(cell) if keep else results.work(cell) / "run"
     try:
-        return _run(cell, results, folder)
-    except MemoryError as error:
-        traceback.print_exc()
-        return Outcome(cell, f"oom: {error}")
+        return _run(cell, results, folder, lpips)
     except Exception as error:  # a grid must survive one odd cell
-        traceback.print_exc()
-        if out_of_space(error):
+        if storage.out_of_space(error):
             raise DataError(f"{error}; what is finished stays, and the same command goes on") from error
+        with contextlib.suppress(OSError):  # the log is on the same disk: words are worth less than the outcome
+            traceback.print_exc()
+        if isinstance(error, MemoryError):
+            return Outcome(cell, f"oom: {error}")
         kind = "oom" if re.search("not enough memory|out of memory|allocate", str(error)) else "failed"
         return Outcome(cell, f"{kind}: {type(error).__name__}: {error}")
 
 
-def _run(cell: Cell, results: Results, folder: Path) -> Outcome:
+def _run(cell: Cell, results: Results, folder: Path, lpips: str | None) -> Outcome:
     if not ((folder / "run.json").exists() and load_run(folder).finished("evaluate")):
         pipeline.begin(
             folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate",
-            yardsticks=False, optional=cell.optional,
+            lpips=None if lpips is None else Lpips(lpips, results.lpips), yardsticks=False, optional=cell.optional,
         )  # fmt: skip
     run = load_run(folder)
     started = time.perf_counter()
@@ -97,7 +86,7 @@ def _run(cell: Cell, results: Results, folder: Path) -> Outcome:
         Scores(rows).save(walked)
     for name, file in PICTURES.items():
         _shrink(run / "figures" / file, results.path / "pictures" / f"{cell.name}_{name}.webp")
-    last = {"seconds": round(time.perf_counter() - started, 3), "peak_gb": pipeline.peak_gb()}
+    last = {"seconds": round(time.perf_counter() - started, 3), "peak_gb": machine.peak_gb()}
     scores = tuple(_signed(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(walked)])
     return Outcome(cell, OK, scores, {**run.stages, "exploration": last}, storage.read_json(folder / "curves.json"))
 

@@ -5,14 +5,16 @@ worker runs a cell in a process of its own, which can be ended when it hangs or 
 name.
 """
 
+import hashlib
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from autonerf_lab.benchmark.processes import Limits, cores, run_in_processes, share
+from autonerf_lab.benchmark.processes import Limits, run_in_processes, share
 from autonerf_lab.benchmark.worker import Job
 from autonerf_lab.errors import DataError, MissingPackageError
+from autonerf_lab.machine import cores
 
 CONNECT_SECONDS = 30
 
@@ -32,10 +34,11 @@ def run_on_cluster(jobs: Sequence[Job], address: str, limits: Limits) -> Iterato
 
     Raises:
         MissingPackageError: the extra ``cluster`` is not installed.
-        DataError: nobody answers at the address, or the disk is full.
+        DataError: nobody answers at the address, the scheduler was lost, or the disk is full.
     """
     try:
-        from distributed import Client, as_completed
+        from distributed import CancelledError, Client, as_completed
+        from distributed.comm import CommClosedError
     except ImportError as error:
         raise MissingPackageError('a scheduler needs dask: pip install "autonerf-lab[cluster]"') from error
     try:
@@ -48,15 +51,33 @@ def run_on_cluster(jobs: Sequence[Job], address: str, limits: Limits) -> Iterato
         for worker in client.scheduler_info(n_workers=-1)["workers"].values():
             threads[worker["host"]] += worker["nthreads"]
         futures = {
-            client.submit(on_worker, job, limits, dict(threads), key=f"cell-{job.cell.name}", pure=False): job
-            for job in jobs
+            client.submit(on_worker, job, limits, dict(threads), key=key_of(job), pure=False): job for job in jobs
         }
         for future in as_completed(list(futures), loop=client.loop):
             job = futures[future]
-            failure = future.exception() if future.status != "finished" else None
-            if isinstance(failure, DataError):
-                raise failure
-            yield job, future.result() if failure is None else f"died: {type(failure).__name__}: {failure}"
+            try:
+                status = future.result()
+            except DataError:
+                raise
+            except (CancelledError, CommClosedError) as error:  # nobody here cancels anything
+                raise DataError(f"the scheduler at {address} was lost; the same command goes on") from error
+            except Exception as error:  # its worker died, again and again; or it could not even begin
+                status = f"died: {type(error).__name__}: {error}"
+            yield job, status
+
+
+def key_of(job: Job) -> str:
+    """What dask calls a job: the dashboard shows all before the last hyphen, the rest tells it from all others.
+
+    Two grids of the same cells may be under way at one scheduler, and dask takes equal keys for equal work.
+
+    Example:
+        >>> from autonerf_lab.benchmark.grid import Cell
+        >>> key_of(Job(Cell("modular-obs", "val-0", 0, "instant-ngp", "fast"), "/shared/bench"))
+        'val.0_modular.obs_0_instant.ngp-421ba663'
+    """
+    digest = hashlib.sha256(f"{job.out}\n{job.cell!r}".encode()).hexdigest()
+    return f"{job.cell.name.replace('-', '.')}-{digest[:8]}"
 
 
 def on_worker(job: Job, limits: Limits, threads: dict[str, int]) -> str:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, fields
 import pandas as pd
 
 from autonerf_lab.benchmark.grid import label
+from autonerf_lab.benchmark.identity import mixed
 from autonerf_lab.benchmark.paper import Column, Key
 from autonerf_lab.benchmark.results import Outcome, Results
 from autonerf_lab.benchmark.statistics import Interval, Runs, difference, interval
@@ -24,6 +25,7 @@ class Collected:
     values: dict[Row, dict[Place, dict[Key, float | None]]]  # of finished cells
     outcomes: list[Outcome]
     asked: int  # cells
+    preset: str = ""
 
     @property
     def rows(self) -> list[Row]:
@@ -61,9 +63,14 @@ class Collected:
         """How much more, over the scenes and starts at which both have a value; None without any."""
         return paired(self, row, self, other, key)
 
-    def best(self, column: Column) -> Row | None:
-        """The one that is better than every other one, as far as paired intervals can say; None when they cannot."""
-        rows = [row for row in self.rows if self.runs(row, column.key)]
+    def best(self, column: Column, rows: Iterable[Row] | None = None) -> Row | None:
+        """The one that is better than every other one, as far as paired intervals can say; None when they cannot.
+
+        Args:
+            column: of the score.
+            rows: that are compared, those that stand in a table; all without.
+        """
+        rows = [row for row in (self.rows if rows is None else rows) if self.runs(row, column.key)]
         for row in rows if column.better and len(rows) > 1 else ():
             others = [self.difference(row, other, column.key) for other in rows if other != row]
             if all(d is not None and d.clear and d.mean * column.better > 0 for d in others):
@@ -89,12 +96,15 @@ def collect(*folders: Results) -> Collected:
     """Read everything.
 
     Raises:
-        RunFolderError: two folders hold the same cell, so that a row would mix them; or presets differ.
+        RunFolderError: two folders hold the same cell, so that a row would mix them; or presets differ, or what is
+            behind a name that both have: weights, a scene, settings.
         DataError: a file is damaged.
     """
     presets = {results.grid.preset for results in folders}
     if len(presets) > 1:
         raise RunFolderError(f"results of several presets ({', '.join(sorted(presets))}) do not belong in one table")
+    if different := mixed({results.path: results.identity for results in folders}):
+        raise RunFolderError(f"{different}; compare them instead")
     places: dict[Row, list[Place]] = {}
     values: dict[Row, dict[Place, dict[Key, float | None]]] = {}
     outcomes: list[Outcome] = []
@@ -111,7 +121,8 @@ def collect(*folders: Results) -> Collected:
             if outcome.finished:
                 scores = {(score.task, score.metric): score.value for score in outcome.scores}
                 values[_row(outcome)][label(outcome.cell.scene), outcome.cell.start] = scores
-    return Collected(places, values, outcomes, sum(len(results.grid.cells()) for results in folders))
+    asked = sum(len(results.grid.cells()) for results in folders)
+    return Collected(places, values, outcomes, asked, next(iter(presets), ""))
 
 
 def frame(outcomes: Sequence[Outcome]) -> pd.DataFrame:

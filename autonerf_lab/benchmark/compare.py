@@ -6,7 +6,10 @@ from autonerf_lab.benchmark.table import Entry, Table
 from autonerf_lab.benchmark.tables import difference_entry
 from autonerf_lab.errors import RunFolderError
 
-COLUMNS = (*paper.RENDERING, *paper.MAPS, *paper.PLANNING, *paper.POSE, *paper.MESH, *paper.EXPLORATION)
+COLUMNS = (
+    *paper.RENDERING, *paper.MAPS, *paper.PLANNING, *paper.POSE, *paper.MESH, *paper.NAVIGATION, *paper.FINETUNING,
+    *paper.EXPLORATION,
+)  # fmt: skip
 
 
 def compare(first: Collected, second: Collected) -> Table:
@@ -16,8 +19,13 @@ def compare(first: Collected, second: Collected) -> Table:
     first that has the same model, or any model where there is none.
 
     Raises:
-        RunFolderError: no scene and start has scores in both.
+        RunFolderError: no scene and start has scores in both, or they are of different presets.
     """
+    if first.preset != second.preset:
+        raise RunFolderError(
+            f"one folder is of preset {first.preset}, the other of {second.preset}: walks, fields and tests differ "
+            "in size, so that a difference would say nothing about policies or models"
+        )
     pairs = _pairs(first, second)
     lines = []
     for column in COLUMNS:

@@ -8,6 +8,7 @@ from autonerf_lab.benchmark.paper import CORRELATED, CORRELATIONS, Key
 from autonerf_lab.benchmark.table import NO_VALUE, Entry, Table
 
 REWARDS = ("cov", "sem", "obs", "view")
+POLICIES = tuple(f"modular-{reward}" for reward in REWARDS)  # whose walks are the points
 LEVEL = 0.05
 FEWEST = 3  # points that a correlation is computed from
 
@@ -28,10 +29,12 @@ def pearson(x: list[float], y: list[float]) -> tuple[float, float] | None:
 
 
 def points(found: Collected, scene: str, reward: str, key: Key) -> tuple[list[float], list[float]]:
-    """Reward and score of the walks in a scene that have both: of the modular policies, or of all if there is none."""
-    model = found.rows[0][1]
-    rows = [row for row in found.rows if row[1] == model]
-    rows = [row for row in rows if row[0].startswith("modular-")] or rows
+    """Reward and score of the walks in a scene that have both: of the paper's four policies, or of all without.
+
+    The fields are those of the first model.
+    """
+    rows = [row for row in found.rows if row[1] == found.rows[0][1]]
+    rows = [row for row in rows if row[0] in POLICIES] or rows
     cells = [found.values[row][place] for row in rows for place in found.places[row] if place in found.values[row]
              and place[0] == scene]  # fmt: skip
     pairs = [(cell.get(("reward", reward)), cell.get(key)) for cell in cells]
@@ -56,7 +59,9 @@ def correlations(found: Collected) -> Table:
     title = "Correlation of summed rewards with scores: Pearson's r (p in brackets; r alone where p < 5 %)"
     header = ("", *scenes, *(f"paper {k}" for k in range(5)))
     size = f"{min(counts)} to {max(counts)}" if len(counts) > 1 else f"{max(counts)}"
-    note = f"{size} points a scene." if measured else f"Too few points: {size} a scene."
+    whose = "the modular policies" if any(policy in POLICIES for policy, _ in found.rows) else "all policies"
+    note = f"{size} points a scene: walks of {whose}, fields of {found.rows[0][1]}."
+    note = note if measured else f"Too few points. {note}"
     return Table("correlations", title, header, tuple(lines), note)
 
 

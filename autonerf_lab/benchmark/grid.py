@@ -2,14 +2,16 @@
 
 import re
 import runpy
+from collections import Counter
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 from autonerf_lab.config import preset
-from autonerf_lab.errors import DataError, UnknownNameError
+from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError, WrongTypeError
+from autonerf_lab.pipeline import SCANS
 
 PAPER_POLICIES = (
     "random", "frontier", "e2e-cov", "e2e-cur", "e2e-nov", "e2e-rec",
@@ -73,9 +75,12 @@ class Grid:
         """The same grid with its groups of names written out and its paths made absolute.
 
         Raises:
+            WrongTypeError: a field that is not what it should be, such as a name where a tuple of names belongs.
             UnknownNameError: a name that does not exist; lists the valid ones.
             DataError: a file is missing, two entries would share a name, or nothing is left to run.
+            MissingPackageError: fine-tuning, without the extra ``training``.
         """
+        self._check_types()
         from autonerf_lab.evaluators.tasks import OPTIONAL
         from autonerf_lab.nerf.models import available
         from autonerf_lab.policies import POLICIES, make_policy
@@ -85,13 +90,13 @@ class Grid:
         groups = {"all": [*POLICIES], "paper": [*PAPER_POLICIES]} | {k: v for k, v in learned.items() if v}
         policies = _expand(self.policies, groups)
         for policy in policies:
-            if not _is_path(policy) and policy not in POLICIES:
+            if not is_path(policy) and policy not in POLICIES:
                 raise UnknownNameError("policy", policy, [*POLICIES, *groups])
             make_policy(policy)
         splits = {"all": scene_names()} | {split: scene_names(split) for split in ("train", "dev", "val")}
         scenes = _expand(self.scenes, splits)
         for scene in scenes:
-            if _is_path(scene):
+            if is_path(scene):
                 if not Path(scene).is_file():
                     raise DataError(f"{scene} does not exist: a scene is a name of the library or a file")
             elif scene not in scene_names():
@@ -103,23 +108,43 @@ class Grid:
         for task in self.optional:
             if task not in OPTIONAL:
                 raise UnknownNameError("optional task", task, OPTIONAL)
+        if "finetuning" in self.optional:
+            _check_finetuning()
         if self.starts < 1:
             raise DataError(f"starts must be at least 1, not {self.starts}")
-        grid = replace(self, policies=policies, scenes=scenes, models=models, preset=preset(self.preset).name)
+        size, optional = preset(self.preset).name, tuple(dict.fromkeys(self.optional))
+        grid = replace(self, policies=policies, scenes=scenes, models=models, preset=size, optional=optional)
         names = [cell.name for cell in grid.cells()]
         if not names:
             raise DataError("the grid has no cell: name at least one policy, one scene and one model")
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
             raise DataError(f"two cells would be called {twice[0]}: rename one of the files that the grid names")
         return grid
 
-    def identity(self) -> dict[str, Any]:
-        """What a results folder keeps, to tell this grid from any other: weights count by what is in them."""
-        from autonerf_lab.policies import weights_sha256
+    def _check_types(self) -> None:
+        for key in ("policies", "scenes", "models", "optional"):
+            value = getattr(self, key)
+            if not isinstance(value, tuple | list) or not all(isinstance(name, str) for name in value):
+                raise WrongTypeError(f"{key} must be a tuple of names, such as ('random',), not {value!r}")
+        if type(self.starts) is not int:
+            raise WrongTypeError(f"starts must be a whole number, not {self.starts!r}")
+        if not isinstance(self.preset, str):
+            raise WrongTypeError(f"preset must be a name, such as 'fast', not {self.preset!r}")
 
-        weights = {label(policy): digest for policy in self.policies if (digest := weights_sha256(policy))}
-        return {**{key: _plain(value) for key, value in asdict(self).items()}, "weights": weights}
+
+def _check_finetuning() -> None:
+    """Fail before the first cell, not after an hour of it."""
+    from autonerf_lab.evaluators.finetuning import PRETRAINED
+
+    for path in (PRETRAINED, PRETRAINED.with_suffix(".json")):
+        if not path.is_file():
+            raise DataError(
+                f"finetuning goes on with a PointGoal policy, and {path} does not exist: `autonerf-lab train-policy "
+                "--policy pointgoal` makes one, or leave finetuning out"
+            )
+    if find_spec("stable_baselines3") is None:
+        raise MissingPackageError('finetuning trains a policy: pip install "autonerf-lab[training]"')
 
 
 def label(name: str) -> str:
@@ -129,7 +154,7 @@ def label(name: str) -> str:
         >>> label("frontier"), label("runs/policies/modular-bumps/policy.safetensors"), label("/tmp/flat.glb")
         ('frontier', 'modular-bumps', 'flat')
     """
-    if not _is_path(name):
+    if not is_path(name):
         return name
     path = Path(name)
     return path.parent.name if path.stem == "policy" else path.stem
@@ -153,21 +178,23 @@ def load_grid(name: str) -> Grid:
         raise UnknownNameError("grid", name, ["paper", "FILE.py"])
     try:
         grid = runpy.run_path(name).get("GRID")
-    except Exception as error:  # whatever a stranger's file raises
+    except (Exception, SystemExit) as error:  # whatever a stranger's file raises
         raise DataError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
     if not isinstance(grid, Grid):
         raise DataError(f"{name} must set GRID = autonerf_lab.benchmark.Grid(...)")
     return grid
 
 
-def _is_path(name: str) -> bool:
-    return name.endswith((".safetensors", ".json", ".glb", ".obj", ".ply"))
+def is_path(name: str) -> bool:
+    """Whether a policy or scene is a file; cameras and editors write the endings of scans in capitals too.
+
+    Example:
+        >>> is_path("flat.GLB"), is_path("runs/mine/policy.safetensors"), is_path("val-0")
+        (True, True, False)
+    """
+    return name.endswith((".safetensors", ".json")) or Path(name).suffix.lower() in SCANS
 
 
 def _expand(names: Iterable[str], groups: dict[str, list[str]]) -> tuple[str, ...]:
     found = [one for name in names for one in groups.get(name, [name])]
-    return tuple(dict.fromkeys(str(Path(name).resolve()) if _is_path(name) else name for name in found))
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+    return tuple(dict.fromkeys(str(Path(name).resolve()) if is_path(name) else name for name in found))

@@ -12,10 +12,10 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 
 from autonerf_lab.benchmark.worker import Job
 from autonerf_lab.errors import DataError
+from autonerf_lab.machine import cores, memory_gb, resident_gb
 
 THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 LOOK_EVERY = 0.5  # seconds between two looks at clock and memory
@@ -30,21 +30,21 @@ class Limits:
     seconds: float | None = 3600.0
 
 
-def share(workers: int, seconds: float | None = 3600.0, memory_gb: float | None = None) -> Limits:
-    """The machine divided among workers; a tenth of the memory is left to others.
+def share(workers: int, seconds: float | None = 3600.0, memory: float | None = None) -> Limits:
+    """What this process may use of its machine, divided among workers; a tenth of the memory is left to others.
+
+    Args:
+        workers: at a time.
+        seconds: of a cell.
+        memory: of a cell, GB; its share without.
 
     Example:
-        >>> share(10**6).threads, share(2, memory_gb=4.0).memory_gb
+        >>> share(10**6).threads, share(2, memory=4.0).memory_gb
         (1, 4.0)
     """
-    if memory_gb is None and hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        memory_gb = 0.9 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9 / workers
-    return Limits(max(1, cores() // workers), memory_gb, seconds)
-
-
-def cores() -> int:
-    """Those that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if memory is None and (whole := memory_gb()) is not None:
+        memory = 0.9 * whole / workers
+    return Limits(max(1, cores() // workers), memory, seconds)
 
 
 def run_in_processes(jobs: Iterable[Job], workers: int, limits: Limits) -> Iterator[tuple[Job, str]]:
@@ -64,12 +64,15 @@ def run_in_processes(jobs: Iterable[Job], workers: int, limits: Limits) -> Itera
         for job in islice(waiting, workers):
             running.append(_Process(limits, answers))
             running[-1].give(job)
+        looked = time.monotonic()
         while running:
-            try:
-                process, line = answers.get(timeout=LOOK_EVERY)
-            except queue.Empty:
+            if time.monotonic() >= looked + LOOK_EVERY:  # however many answers come in between
+                looked = time.monotonic()
                 for process in running:
                     process.look()
+            try:
+                process, line = answers.get(timeout=max(0.0, looked + LOOK_EVERY - time.monotonic()))
+            except queue.Empty:
                 continue
             if process not in running:
                 continue  # the end of one that was stopped
@@ -119,7 +122,7 @@ class _Process:
         seconds, memory = self.limits.seconds, self.limits.memory_gb
         if seconds is not None and time.monotonic() - self.started > seconds:
             self.reason = f"timeout: not finished after {seconds:g} s"
-        elif memory is not None and (used := _resident_gb(self.process.pid)) > memory:
+        elif memory is not None and (used := resident_gb(self.process.pid)) > memory:
             self.reason = f"oom: {used:.1f} GB, its share is {memory:.1f}"
         if self.reason:
             self.process.kill()
@@ -155,12 +158,3 @@ class _Process:
             for line in lines:
                 answers.put((self, line))
         answers.put((self, ""))
-
-
-def _resident_gb(pid: int) -> float:
-    """Memory of a process; 0 where the system does not say."""
-    try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    except (OSError, IndexError, ValueError):
-        return 0.0
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e9

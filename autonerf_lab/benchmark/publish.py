@@ -9,6 +9,7 @@ import pandas as pd
 from autonerf_lab import storage
 from autonerf_lab.benchmark.collect import Collected, collect, frame
 from autonerf_lab.benchmark.results import Results
+from autonerf_lab.benchmark.table import escaped
 from autonerf_lab.benchmark.tables import all_tables
 
 TIMES = "seconds"  # the only column of scores.csv that differs when a grid is run again
@@ -26,7 +27,7 @@ def publish(results: Results) -> list[Path]:
     found = collect(results)
     rows = frame(found.outcomes)
     tables = all_tables(found)
-    words = summary(found)
+    words = escaped(summary(found))
     files = {
         "scores.csv": rows.to_csv(index=False, lineterminator="\n").encode(),
         "tables.md": ("\n\n".join([words, *(table.markdown() for table in tables)]) + "\n").encode(),
@@ -40,12 +41,15 @@ def publish(results: Results) -> list[Path]:
     return [results.path / name for name in files]
 
 
-def summary(found: Collected) -> str:
-    """How much of the grid there is, and what became of the rest."""
+def headline(found: Collected) -> str:
+    """How much of the grid there is."""
     finished = sum(outcome.finished for outcome in found.outcomes)
-    lines = [f"{finished} of {found.asked} cells; intervals are 95 % (Student's t on the means of scenes)."]
-    lines += [f"- {outcome.cell.name}: {outcome.status}" for outcome in found.missing]
-    return "\n".join(lines)
+    return f"{finished} of {found.asked} cells; intervals are 95 % (Student's t on the means of scenes)."
+
+
+def summary(found: Collected) -> str:
+    """How much of the grid there is, and what became of the rest: a line a cell."""
+    return "\n".join([headline(found), *(f"- {o.cell.name}: {o.status}" for o in found.missing)])
 
 
 def _parquet(rows: pd.DataFrame) -> bytes:

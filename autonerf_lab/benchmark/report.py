@@ -13,7 +13,7 @@ from autonerf_lab.benchmark.cell import PICTURES
 from autonerf_lab.benchmark.collect import collect
 from autonerf_lab.benchmark.figures import coverage_curves, scores_over_policies
 from autonerf_lab.benchmark.paper import PSNR
-from autonerf_lab.benchmark.publish import summary
+from autonerf_lab.benchmark.publish import headline
 from autonerf_lab.benchmark.results import Outcome, Results
 from autonerf_lab.benchmark.tables import all_tables, number
 from autonerf_lab.pictures import data_url
@@ -58,7 +58,8 @@ def render(folders: Sequence[Results]) -> str:
     }
     return template.render(
         facts=facts,
-        summary=summary(found).splitlines(),
+        headline=headline(found),
+        missing=[(outcome.cell.name, outcome.status) for outcome in found.missing],
         figures=[
             (_png(scores_over_policies(found)), "Scores over policies", "A dot is the mean over scenes with its 95 % "
              "interval, the pale dots are scenes. Grey diamonds are the paper's, in other apartments."),

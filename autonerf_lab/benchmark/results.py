@@ -8,18 +8,22 @@ work/CELL/           a cell that is not finished: its run folder and its log
 """
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from autonerf_lab import __version__, storage
 from autonerf_lab.benchmark.grid import Cell, Grid
+from autonerf_lab.benchmark.identity import LPIPS, differences, identity
 from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.run_folder import nothing_but
 from autonerf_lab.types import Score
 
 FORMAT_VERSION = 1
 OK = "ok"
+RETRY = ("failed", "timeout", "oom", "died")  # the first words of what is not ok
+LONGEST = 300  # letters of a status
 
 
 @dataclass(frozen=True)
@@ -32,10 +36,25 @@ class Outcome:
     stages: dict[str, dict[str, Any]] | None = None  # seconds and memory of each, of a cell that is finished
     curves: dict[str, list[float]] | None = None  # shares of what is visible, over the walk
 
+    def __post_init__(self) -> None:
+        """An error may say many lines, and tables show one: it is cut to a line, of letters that can be shown."""
+        text = " ".join("".join(letter if letter.isprintable() else " " for letter in self.status).split())
+        object.__setattr__(self, "status", text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}...")
+
     @property
     def finished(self) -> bool:
         """Whether it has scores."""
         return self.status == OK
+
+    def runs_again(self, retry: Iterable[str]) -> bool:
+        """Whether words of ``RETRY`` ask for it to be run again; ``failed`` does for whatever is not ok.
+
+        Example:
+            >>> ended = Outcome(Cell("random", "val-0", 0, "instant-ngp", "smoke"), "timeout: 9 s")
+            >>> ended.runs_again(["failed"]), ended.runs_again(["timeout"]), ended.runs_again(["oom"])
+            (True, True, False)
+        """
+        return not self.finished and bool({"failed", self.status.split(":")[0]} & set(retry))
 
     @property
     def seconds(self) -> float:
@@ -46,9 +65,15 @@ class Outcome:
 class Results:
     """The folder. :func:`open_results` begins one, :func:`load_results` reads one."""
 
-    def __init__(self, path: Path, grid: Grid) -> None:
+    def __init__(self, path: Path, grid: Grid, kept: Mapping[str, Any] | None = None) -> None:
         self.path = path
         self.grid = grid
+        self.identity: Mapping[str, Any] = kept or {}  # see :mod:`.identity`
+
+    @property
+    def lpips(self) -> str | None:
+        """SHA-256 of the weights of LPIPS; None where it is not measured."""
+        return (self.identity.get("weights") or {}).get(LPIPS)
 
     def file(self, cell: Cell) -> Path:
         """Where the outcome of a cell goes."""
@@ -119,40 +144,48 @@ class Results:
 
     def tidy(self) -> None:
         """Remove what a killed run left behind and nobody needs: work on finished cells, files cut off in writing."""
-        for pattern in (".*.*.*", "cells/.*", "pictures/.*", "scenes/.*"):
-            for file in self.path.glob(pattern):
-                file.unlink()
+        for name in ("", "cells", "pictures", "scenes"):
+            for file in storage.cut_off(self.path / name):
+                file.unlink(missing_ok=True)
         for outcome in self.outcomes():
             if outcome.finished:
                 self.log(outcome.cell).unlink(missing_ok=True)
                 shutil.rmtree(self.work(outcome.cell), ignore_errors=True)
 
 
-def open_results(path: str | Path, grid: Grid) -> Results:
+def open_results(path: str | Path, grid: Grid, lpips: str | None = None) -> Results:
     """Begin a results folder in a new or empty place, or go on with one of the same grid.
+
+    Args:
+        path: of the folder.
+        grid: checked.
+        lpips: SHA-256 of the weights of LPIPS, where it is to be measured.
 
     Raises:
         RunFolderError: the folder holds another grid, another version's, or files of nobody knows whom.
+        DataError: ``grid.json`` is damaged, or cannot be written.
     """
-    path, identity = Path(path), grid.identity()
+    path, asked = Path(path), identity(grid, lpips)
     if (path / "grid.json").exists():
-        kept = _read_header(path)
-        different = [key for key in identity if kept["grid"].get(key) != identity[key]]
-        if different:
-            what = "; ".join(f"{key}: {_text(kept['grid'].get(key))}, not {_text(identity[key])}" for key in different)
-            raise RunFolderError(f"{path} holds the results of another grid ({what}); choose another --out")
-    elif path.exists() and any(not entry.name.startswith(".grid.json.") for entry in path.iterdir()):
+        found = differences(_read_header(path, to_run=True), asked)
+        if found:
+            raise RunFolderError(f"{path} holds the results of another grid ({'; '.join(found)}); choose another --out")
+    elif not nothing_but(path, "grid.json"):
         raise RunFolderError(f"{path} holds files but no grid.json: not a results folder; choose another --out")
     else:
-        storage.write_json(path / "grid.json", {"version": FORMAT_VERSION, "package": __version__, "grid": identity})
-    return Results(path, grid)
+        storage.write_json(path / "grid.json", {"version": FORMAT_VERSION, "package": __version__, "grid": asked})
+    return Results(path, grid, asked)
 
 
-def load_results(path: str | Path) -> Results:
+def load_results(path: str | Path, to_run: bool = False) -> Results:
     """The results that ``path`` holds.
 
+    Args:
+        path: of the folder.
+        to_run: somebody will add to them, which only the version of the package that began them may.
+
     Raises:
-        RunFolderError: none, or another version's.
+        RunFolderError: none, of another format, or another version's that we would add to.
         DataError: ``grid.json`` is damaged.
 
     Example:
@@ -164,30 +197,31 @@ def load_results(path: str | Path) -> Results:
     path = Path(path)
     if not (path / "grid.json").exists():
         raise RunFolderError(f"{path} holds no results (no grid.json); `autonerf-lab bench run` makes some")
-    kept = _read_header(path)["grid"]
+    kept = _read_header(path, to_run)
     try:
         known: dict[str, Any] = {f.name: kept[f.name] for f in fields(Grid)}
-        for name in ("policies", "scenes", "models"):
+        for name in ("policies", "scenes", "models", "optional"):
             known[name] = tuple(known[name])
         grid = Grid(**known)
         grid.cells()
     except (KeyError, TypeError) as error:
         raise DataError(f"{path / 'grid.json'} is damaged ({error!r}); begin another results folder") from error
-    return Results(path, grid)
+    return Results(path, grid, kept)
 
 
-def _read_header(path: Path) -> dict[str, Any]:
+def _read_header(path: Path, to_run: bool) -> dict[str, Any]:
     content = storage.read_json(path / "grid.json")
-    found = (content.get("version"), content.get("package"))
-    if found != (FORMAT_VERSION, __version__):
-        raise RunFolderError(f"{path} was made by autonerf-lab {found[1]}, this is {__version__}; choose another --out")
+    version, package = content.get("version"), content.get("package")
+    if version != FORMAT_VERSION:
+        raise RunFolderError(
+            f"{path} is of format {version}, made by autonerf-lab {package}; this is {__version__} and reads format "
+            f"{FORMAT_VERSION}"
+        )
+    if to_run and package != __version__:
+        raise RunFolderError(
+            f"{path} was made by autonerf-lab {package}, this is {__version__}: scores may differ, so that it can be "
+            "read but not gone on with; choose another --out"
+        )
     if not isinstance(content.get("grid"), dict):
         raise DataError(f"{path / 'grid.json'} is damaged (no grid); begin another results folder")
-    return content
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, dict):
-        value = [f"{name} {str(sha256)[:8]}" for name, sha256 in value.items()]
-    text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return content["grid"]

@@ -48,12 +48,16 @@ class Table:
         def line(texts: list[str]) -> str:
             return "| " + " | ".join(texts) + " |"
 
-        rows = [
-            line([_markdown(e.text) if not e.bold else f"**{_markdown(e.text)}**" for e in row]) for row in self.rows
-        ]
+        rows = [line([escaped(e.text) if not e.bold else f"**{escaped(e.text)}**" for e in row]) for row in self.rows]
         rule = "|:--" + "|--:" * (len(self.header) - 1) + "|"
-        parts = [f"**{_markdown(self.title)}**", "", line([_markdown(text) for text in self.header]), rule, *rows]
-        return "\n".join([*parts, "", _markdown(self.note)] if self.note else parts)
+        parts = [
+            f"**{escaped(self.title)}**",
+            "",
+            line([escaped(text) for text in self.header]),
+            rule,
+            *rows,
+        ]
+        return "\n".join([*parts, "", escaped(self.note)] if self.note else parts)
 
     def latex(self) -> str:
         """For a paper: booktabs, a caption, a label."""
@@ -89,7 +93,13 @@ def _bold(text: str, bold: bool) -> str:
     return f"<b>{text}</b>" if bold else text
 
 
-def _markdown(text: str) -> str:
+def escaped(text: str) -> str:
+    r"""Text that Markdown shows as it is.
+
+    Example:
+        >>> print(escaped("failed: <b> in modular_obs"))
+        failed: \<b> in modular\_obs
+    """
     return re.sub(r"([\\|*_<`\[])", r"\\\1", text)
 
 

@@ -1,7 +1,8 @@
 """The tables of the paper for a grid: means with 95 % intervals, and the paper's figures beside them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from statistics import median
 
 from autonerf_lab.benchmark import paper
 from autonerf_lab.benchmark.collect import Collected, Row
@@ -64,7 +65,7 @@ def _means(
     header = [""]
     for column in columns:
         header += [column.title, "paper"] if column in published else [column.title]
-    best = {column: found.best(column) for column in columns}
+    best = {column: found.best(column, [row for row, _ in rows]) for column in columns}
     lines = []
     for row, text in rows:
         line = [Entry(text)]
@@ -110,24 +111,53 @@ def _text(found: Collected, row: Row, column: Column) -> str:
 def _variants(found: Collected) -> Table:
     policies = [policy for policy, _ in found.rows]
     policy = OURS if OURS in policies else policies[0]
-    rows = [(row, f"{row[1]}, {policy}") for row in found.rows if row[0] == policy]
-    title = "NeRF variants on the same walks"
+    first, *others = (row for row in found.rows if row[0] == policy)
+    rows = [(row, f"{row[1]}, {policy}") for row in (first, *others)]
+    title = "NeRF variants on the same walks; differences are paired by scene and start, in bold where clear of zero"
     made = _means(found, "variants", title, paper.RENDERING, rows, lambda row: paper.BY_MODEL.get(row[1], {}))
-    return made if len(rows) > 1 or made.note else made.noted("One model only: add others with --models.")
+    if not others:
+        return made if made.note else made.noted("One model only: add others with --models.")
+    lines = []
+    for row in others:
+        differences = (difference_entry(found.difference(row, first, c.key), c) for c in paper.RENDERING)
+        # a column that the paper has beside it is followed by one without a value: the paper has no paired differences
+        beside = (Entry(NO_VALUE) if title == "paper" else next(differences) for title in made.header[1:])
+        lines.append((Entry(f"{row[1]} − {first[1]}, {policy}"), *beside))
+    return replace(made, rows=(*made.rows, *lines))
 
 
 def _differences(found: Collected) -> Table:
-    lines = []
     several = len({model for _, model in found.rows}) > 1
-    for reference in REFERENCES:
-        for row in found.rows:
-            other = (reference, row[1])
-            if row[0] not in ("random", reference) and other in found.places:
-                lines.append(difference_line(found, row, other, f"{row[0]} − {reference}" + several * f", {row[1]}"))
-    note = "" if lines else "Nothing to compare with: the grid has neither frontier nor random."
+    pairs = [
+        (row, (reference, row[1]))
+        for reference in (*REFERENCES, *dict.fromkeys(policy for policy, _ in found.rows if policy.startswith("e2e-")))
+        for row in found.rows
+        if row[0] not in ("random", reference) and (reference in REFERENCES or row[0].startswith("modular-"))
+    ]
+    pairs = [(row, other) for row, other in pairs if other in found.places]
+    lines = [
+        difference_line(found, row, other, f"{row[0]} − {other[0]}" + several * f", {row[1]}") for row, other in pairs
+    ]
+    note = power(found, pairs) if lines else "Nothing to compare with: no frontier, random or end-to-end policy."
     header = ("", *(column.title for column in paper.HEADLINES))
     title = "Paired differences by scene and start; in bold where the interval does not hold zero"
     return Table("differences", title, header, tuple(lines), note)
+
+
+def power(found: Collected, pairs: Sequence[tuple[Row, Row]]) -> str:
+    """What the intervals of some differences could have told: half their width, the median over the pairs.
+
+    Returns:
+        A sentence; empty where no pair has two scenes.
+    """
+    words, scenes = [], 0
+    for column in paper.HEADLINES:
+        made = [found.difference(row, other, column.key) for row, other in pairs]
+        sure = [d for d in made if d is not None and d.scenes > 1]
+        if sure:
+            scenes = max(scenes, *(d.scenes for d in sure))
+            words.append(f"{column.title} {number(median(d.half for d in sure), column)}")
+    return f"Smallest difference that {scenes} scenes could tell (median): {', '.join(words)}." if words else ""
 
 
 def difference_line(found: Collected, row: Row, other: Row, text: str) -> tuple[Entry, ...]:

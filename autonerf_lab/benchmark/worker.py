@@ -5,6 +5,7 @@ the process, in the middle of a cell if need be: a worker never outlives who sta
 ``work/CELL.log`` in the results folder.
 """
 
+import contextlib
 import importlib
 import json
 import os
@@ -18,6 +19,7 @@ from typing import Any
 
 from autonerf_lab.benchmark.grid import Cell
 from autonerf_lab.errors import AutoNerfError
+from autonerf_lab.storage import out_of_space
 
 RUN_CELL = "autonerf_lab.benchmark.cell:run_cell"
 
@@ -29,7 +31,8 @@ class Job:
     cell: Cell
     out: str  # the results folder
     keep: bool = False
-    function: str = RUN_CELL  # "module:name", called with cell, out and keep; returns a status
+    function: str = RUN_CELL  # "module:name", called with cell, out, keep and lpips; returns a status
+    lpips: str | None = None  # the file of its weights
 
     def run(self) -> str:
         """Run it here.
@@ -39,7 +42,7 @@ class Job:
         """
         module, _, name = self.function.partition(":")
         call: Callable[..., str] = getattr(importlib.import_module(module), name)
-        return call(self.cell, Path(self.out), self.keep)
+        return call(self.cell, Path(self.out), self.keep, self.lpips)
 
     def dumps(self) -> str:
         """As a line."""
@@ -73,7 +76,9 @@ def main() -> None:
 def _answer(job: Job) -> dict[str, Any]:
     try:
         return {"status": job.run()}
-    except AutoNerfError as error:
+    except Exception as error:
+        if not (isinstance(error, AutoNerfError) or out_of_space(error)):
+            raise
         return {"stop": str(error)}
 
 
@@ -84,8 +89,9 @@ def _listen(lines: "queue.Queue[str]") -> None:
 
 
 def _print_to(path: Path) -> None:
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):  # what the last cell said does not fit on a full disk
+            stream.flush()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)

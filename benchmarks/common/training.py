@@ -16,6 +16,7 @@ from common.views import read_views
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.dataset import Dataset
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
+from autonerf_lab.machine import peak_gb
 from autonerf_lab.nerf import fit
 from autonerf_lab.nerf.bundles import assign, to_numpy
 from autonerf_lab.nerf.checkpoint import TrainingState
@@ -29,7 +30,6 @@ from autonerf_lab.nerf.pixels import Pixels
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.nerf.visibility import VOXEL, Visibility
-from autonerf_lab.pipeline import peak_gb
 from autonerf_lab.trajectory import Trajectory
 
 NOTHING_SEEN = Visibility(np.zeros(3), VOXEL, np.zeros((1, 1, 1), bool))
