@@ -7,19 +7,17 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
 from autonerf_lab import plugins
 from autonerf_lab.bench_commands import Bench
+from autonerf_lab.command_options import NO_LPIPS, LpipsFile, names_of
 from autonerf_lab.errors import AutoNerfError, DataError
 from autonerf_lab.policy_commands import TrainPolicy
 from autonerf_lab.scene_commands import Scenes
-
-if TYPE_CHECKING:
-    from autonerf_lab.evaluators.lpips import Lpips
 
 # Heavy imports wait inside the commands: `--help` answers at once.
 
@@ -42,26 +40,6 @@ Overwrite = Annotated[bool, arg(help="Replace what is finished. Only files this 
 
 
 @dataclass(frozen=True)
-class LpipsFile:
-    """The weights of LPIPS, which is left out without."""
-
-    lpips_weights: Annotated[Path | None, arg(metavar="FILE", help="VGG16 and heads, safetensors: see the README.")] = (
-        None
-    )
-    lpips_sha256: Annotated[str | None, arg(metavar="HEX", help="What the file must have; else it is refused.")] = None
-
-    def load(self) -> "Lpips | None":
-        """Read and check the file, before anything else is done."""
-        if self.lpips_weights is None:
-            if self.lpips_sha256 is not None:
-                raise DataError("--lpips-sha256 is about a file: give --lpips-weights too")
-            return None
-        from autonerf_lab.evaluators.lpips import Lpips
-
-        return Lpips(self.lpips_weights, self.lpips_sha256)
-
-
-@dataclass(frozen=True)
 class Demo:
     """The main job: explore an apartment, fit a field to the walk, score it, write the report.
 
@@ -75,7 +53,7 @@ class Demo:
     seed: Seed = 0
     out: Out = Path("runs/demo")
     overwrite: Overwrite = False
-    lpips: LpipsFile = LpipsFile()
+    lpips: LpipsFile = NO_LPIPS
 
     def run(self) -> None:
         """Run all stages and say where the report is."""
@@ -138,7 +116,7 @@ class Fit:
     preset: Annotated[str | None, arg(metavar="NAME", help="For photographs; a run has its own.")] = None
     seed: Annotated[int | None, arg(help="Of the training, for photographs; a run has its own.")] = None
     overwrite: Overwrite = False
-    lpips: LpipsFile = LpipsFile()
+    lpips: LpipsFile = NO_LPIPS
 
     def run(self) -> None:
         """Run the stage; print the scores where there are any."""
@@ -149,7 +127,7 @@ class Fit:
                 raise DataError(f"{self.folder}: a run has its preset and its seed; for photographs, give --out too")
             if capture.is_capture(self.folder):
                 raise DataError(f"{self.folder} holds photographs, not a run: --out says where their field goes")
-            if self.lpips != LpipsFile():
+            if self.lpips != NO_LPIPS:
                 raise DataError(f"{self.folder}: a run is scored by `autonerf-lab evaluate`: give it the LPIPS weights")
             pipeline.resume(self.folder, "fit", self.model, self.overwrite)
             print(f"field: {self.folder / 'nerf'}")
@@ -168,15 +146,20 @@ class Evaluate:
     folder: Run
     overwrite: Overwrite = False
     upstream: Annotated[bool, arg(help="Beside it, the scores as the paper's released code defines them.")] = False
-    lpips: LpipsFile = LpipsFile()
+    optional: Annotated[
+        str | None, arg(metavar="A,B", help="Tasks that take long: navigation (minutes), finetuning (hours).")
+    ] = None
+    interest_regions: Annotated[bool, arg(help="Pose refinement takes its pixels where there is detail.")] = False
+    lpips: LpipsFile = NO_LPIPS
 
     def run(self) -> None:
         """Run the stage and print the table."""
         from autonerf_lab import pipeline
 
-        pipeline.resume(
-            self.folder, "evaluate", overwrite=self.overwrite, lpips=self.lpips.load(), upstream=self.upstream
+        options = pipeline.Options(
+            self.lpips.load(), self.upstream, optional=names_of(self.optional) or (), interest=self.interest_regions
         )
+        pipeline.resume(self.folder, "evaluate", overwrite=self.overwrite, options=options)
         print(f"\n{pipeline.summary(self.folder)}\n\nscores: {self.folder / 'scores.json'}")
 
 
@@ -186,12 +169,15 @@ class Mesh:
 
     folder: Run
     overwrite: Overwrite = False
+    voxel: Annotated[float | None, arg(metavar="METRES", help="Side of a marching cube; the preset's without.")] = None
+    format: Annotated[str, arg(metavar="GLB|PLY", help="glb (y up, as glTF demands) or ply (z up).")] = "glb"
 
     def run(self) -> None:
         """Run the stage."""
         from autonerf_lab import pipeline
 
-        pipeline.resume(self.folder, "mesh", overwrite=self.overwrite)
+        options = pipeline.Options(voxel=self.voxel, suffix=self.format.lower())
+        pipeline.resume(self.folder, "mesh", overwrite=self.overwrite, options=options)
         print(f"mesh: {self.folder / 'mesh'}")
 
 

@@ -11,9 +11,9 @@ from PIL import Image, ImageOps
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.errors import DataError
+from autonerf_lab.machine import threads
 
 _FORMATS = ("PNG", "JPEG", "WEBP")
-_THREADS = 2
 _ORIENTATION = 0x0112  # of EXIF
 _ALPHA = ("RGBA", "LA", "PA")
 
@@ -21,9 +21,9 @@ _ALPHA = ("RGBA", "LA", "PA")
 def parallel(work: Callable[[int], None], count: int) -> None:
     """Call ``work(0)`` to ``work(count - 1)``.
 
-    Image coding lets go of the interpreter's lock, so that two threads use two cores.
+    Image coding lets go of the interpreter's lock, so that threads use as many cores.
     """
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(threads()) as pool:
         for _ in pool.map(work, range(count), chunksize=16):
             pass
 

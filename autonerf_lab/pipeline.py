@@ -6,14 +6,16 @@ interrupted and resumed is the same as one that was not, and each stage is also 
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from autonerf_lab import storage
 from autonerf_lab.config import Preset, preset
-from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.machine import peak_gb
 from autonerf_lab.run_folder import STAGES, RunConfig, RunFolder, load_run, locked, open_run
 
 if TYPE_CHECKING:
@@ -27,26 +29,32 @@ INPUTS = {"fit": ("trajectory",), "evaluate": ("scene", "trajectory", "nerf"), "
 SCANS = (".glb", ".obj", ".ply")
 
 
+@dataclass(frozen=True)
+class Options:
+    """What may be asked of the stages ``evaluate`` and ``mesh``, and changes nothing else in a run."""
+
+    lpips: "Lpips | None" = None
+    upstream: bool = False  # beside the scores, those by the definitions of the released code
+    yardsticks: bool = True  # put other things than the field through the tasks too
+    optional: Sequence[str] = ()  # tasks that are only done when they are asked for
+    interest: bool = False  # pixels of pose refinement from interest regions
+    voxel: float | None = None  # metres; that of the preset without
+    suffix: str = "glb"  # of the meshes: glb or ply
+
+
 class Workspace:
     """A run folder and what its stages share; everything is read from the folder when somebody first asks."""
 
-    def __init__(
-        self,
-        run: RunFolder,
-        scene: "Scene | None" = None,
-        lpips: "Lpips | None" = None,
-        upstream: bool = False,
-        yardsticks: bool = True,
-        optional: Sequence[str] = (),
-    ) -> None:
-        self.run, self.lpips, self.upstream, self.yardsticks, self.optional = run, lpips, upstream, yardsticks, optional
+    def __init__(self, run: RunFolder, scene: "Scene | None" = None, options: Options | None = None) -> None:
+        self.run, self.options = run, options or Options()
         if scene is not None:
             self.scene = scene
 
     @property
     def preset(self) -> Preset:
         """The sizes of the run."""
-        return preset(self.run.config.preset)
+        size = preset(self.run.config.preset)
+        return replace(size, refine_interest=self.options.interest or size.refine_interest)
 
     @cached_property
     def scene(self) -> "Scene":
@@ -106,13 +114,24 @@ def find_scene(name: str) -> "Scene":
     return import_scene(name) if Path(name).suffix.lower() in SCANS else load_scene(name)
 
 
-def check_names(policy: str | None = None, model: str | None = None) -> None:
+def check_names(policy: str | None = None, model: str | None = None, options: Options | None = None) -> None:
     """Fail before anything is made, not after ten minutes.
 
     Raises:
         UnknownNameError: lists the valid names.
-        DataError: the weights of a policy of one's own are missing or damaged.
+        DataError: the weights of a policy of one's own are missing or damaged; a voxel is not larger than nothing.
     """
+    options = options or Options()
+    if options.voxel is not None and not options.voxel > 0:
+        raise DataError(f"a voxel is a length in metres, not {options.voxel}")
+    if options.suffix not in ("glb", "ply"):
+        raise UnknownNameError("format of meshes", options.suffix, ("glb", "ply"))
+    if options.optional:
+        from autonerf_lab.evaluators.tasks import OPTIONAL
+
+        for name in options.optional:
+            if name not in OPTIONAL:
+                raise UnknownNameError("optional task", name, OPTIONAL)
     if policy is not None:
         from autonerf_lab.policies import make_policy
 
@@ -138,13 +157,13 @@ def begin(
 ) -> None:
     """Run the stages up to ``last`` in the folder ``out``; go on there if the same run was interrupted.
 
-    ``yardsticks`` says whether other things than the field are put through the tasks too; ``optional`` are names of
-    tasks that are only done when they are asked for.
+    For ``lpips``, ``yardsticks`` and ``optional`` see :class:`Options`.
 
     Raises:
         AutoNerfError: a name is unknown, the folder holds something else, or a stage failed.
     """
-    check_names(policy, model)
+    options = Options(lpips, yardsticks=yardsticks, optional=optional)
+    check_names(policy, model, options)
     chosen = preset(preset_name).name
     started = time.perf_counter()
     apartment = find_scene(scene)
@@ -155,8 +174,7 @@ def begin(
         run = open_run(out, config, last, overwrite)
         if model is not None and run.config.model is None:
             run.choose_model(model)
-        work = Workspace(run, apartment, lpips, yardsticks=yardsticks, optional=optional)
-        run_stages(work, STAGES[: STAGES.index(last) + 1], spent)
+        run_stages(Workspace(run, apartment, options), STAGES[: STAGES.index(last) + 1], spent)
 
 
 def resume(
@@ -164,19 +182,18 @@ def resume(
     stage: str,
     model: str | None = None,
     overwrite: bool = False,
-    lpips: "Lpips | None" = None,
-    upstream: bool = False,
+    options: Options | None = None,
 ) -> None:
     """Run one stage in a folder that has come as far.
 
     Raises:
         AutoNerfError: the stage before it is missing, it is finished already, or it failed.
     """
-    check_names(model=model)
+    check_names(model=model, options=options)
     with locked(Path(load_run(out).path)):
         run = load_run(out)
         run.require(BEFORE[stage])
-        work = Workspace(run, lpips=lpips, upstream=upstream)
+        work = Workspace(run, options=options)
         if stage == "report":
             # holds nothing of its own: made again without a question, and the old one stays until the new one is there
             run.stages.pop(stage, None)
@@ -207,18 +224,6 @@ def run_stages(work: Workspace, stages: Iterable[str], spent: float = 0.0) -> No
         seconds = time.perf_counter() - started + (spent if stage == "scene" else 0.0)
         work.run.mark(stage, seconds, peak_gb())
         print(f"{stage:<9} {seconds:6.1f} s", flush=True)
-
-
-def peak_gb() -> float | None:
-    """The most memory that this process has held so far, in GB; None where the system does not say."""
-    try:
-        import resource
-    except ImportError:
-        return None
-    import sys
-
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
 
 
 def finished_field(out: str | Path) -> "NeRF":
@@ -296,40 +301,43 @@ def _fit(work: Workspace) -> None:
 
 
 def _evaluate(work: Workspace) -> None:
-    from autonerf_lab.evaluators import METRICS, ceiling, evaluate, upstream_scores
+    from autonerf_lab.evaluators import METRICS, evaluate, upstream_scores
     from autonerf_lab.viz.run_pictures import draw_scores
 
-    config, scene = work.run.config, work.scene
-    lpips, walk = work.lpips, work.trajectory if work.yardsticks else None
-    tasks = [*METRICS, *work.optional]
-    keep = work.run / "finetuning"
+    seed, scene, asked = work.run.config.seed, work.scene, work.options
     scores = evaluate(
-        work.nerf, scene, work.preset, config.seed, tasks, trajectory=walk, lpips_weights=lpips, keep=keep
+        work.nerf,
+        scene,
+        work.preset,
+        seed,
+        [*METRICS, *asked.optional],
+        trajectory=work.trajectory if asked.yardsticks else None,
+        lpips_weights=asked.lpips,
+        keep=work.run / "finetuning",
+        ceiling=asked.yardsticks,
     )
+    scores.save(work.run / "scores.json")  # before anything that is less precious
     for name, rows in scores.yardsticks.items():
         rows.save(work.run / f"yardsticks/{name}.json")
-    if work.yardsticks:
-        print("the same tasks for the true geometry", flush=True)
-        ceiling(scene, work.preset, config.seed, lpips_weights=lpips).save(work.run / "yardsticks/ceiling.json")
-    if work.upstream:
+    if asked.upstream:
         print("the same field by the definitions of the released code", flush=True)
-        upstream_scores(work.nerf, scene, work.preset, config.seed).save(work.run / "yardsticks/upstream.json")
+        upstream_scores(work.nerf, scene, work.preset, seed).save(work.run / "yardsticks/upstream.json")
     draw_scores(work.run / "figures", work.nerf, scene, scores.artifacts)
-    scores.save(work.run / "scores.json")
-    if lpips is not None:
-        print(f"LPIPS with the weights of SHA-256 {lpips.sha256}", flush=True)
+    if asked.lpips is not None:
+        print(f"LPIPS with the weights of SHA-256 {asked.lpips.sha256}", flush=True)
 
 
 def _mesh(work: Workspace) -> None:
     from autonerf_lab.evaluators import export_mesh, extract_mesh, semantic_mesh
 
-    mesh = extract_mesh(work.nerf, work.preset.mesh_voxel)
+    voxel, suffix = work.options.voxel or work.preset.mesh_voxel, work.options.suffix
+    mesh = extract_mesh(work.nerf, voxel)
     if len(mesh.faces):
-        export_mesh(mesh, work.run / "mesh/color.glb")
-        export_mesh(semantic_mesh(mesh), work.run / "mesh/semantic.glb")
+        export_mesh(mesh, work.run / f"mesh/color.{suffix}")
+        export_mesh(semantic_mesh(mesh), work.run / f"mesh/semantic.{suffix}")
     else:  # a result too, of a field that learned nothing
         print("the field has no surface that a training view saw: no mesh is written", flush=True)
-    counts = {"vertices": len(mesh.vertices), "triangles": len(mesh.faces), "voxel_m": work.preset.mesh_voxel}
+    counts = {"vertices": len(mesh.vertices), "triangles": len(mesh.faces), "voxel_m": voxel}
     storage.write_json(work.run / "mesh/mesh.json", counts)
 
 

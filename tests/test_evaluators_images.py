@@ -4,6 +4,12 @@ import numpy as np
 import pytest
 import torch
 import toy_scene
+from skimage.metrics import peak_signal_noise_ratio as skimage_psnr
+from torchmetrics.functional.classification import (
+    multiclass_accuracy,
+    multiclass_confusion_matrix,
+    multiclass_jaccard_index,
+)
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
 from autonerf_lab.classes import NUM_CLASSES
@@ -55,10 +61,11 @@ def _torch(image):
     return torch.from_numpy(image).permute(2, 0, 1)[None]
 
 
-def test_psnr_and_ssim_agree_with_torchmetrics(pair):
+def test_psnr_and_ssim_agree_with_torchmetrics_and_scikit_image(pair):
     image, target = pair
     oracle = peak_signal_noise_ratio(_torch(image), _torch(target), data_range=1.0)
     assert psnr(image, target) == pytest.approx(float(oracle), abs=1e-4)
+    assert psnr(image, target) == pytest.approx(skimage_psnr(target, image, data_range=1.0), abs=1e-6)
     # The oracle leaves out a border of half a window on each side, as this one does
     oracle = structural_similarity_index_measure(_torch(image), _torch(target), sigma=1.5, data_range=1.0)
     assert ssim(image, target) == pytest.approx(float(oracle), abs=2e-3)
@@ -79,6 +86,24 @@ def test_class_scores_leave_out_absent_classes():
     assert scores["miou"] == pytest.approx(100 * (2 / 3 + 1) / 2)
     assert scores["miou_objects"] == 100.0
     assert class_scores(np.zeros((16, 16), int))["miou"] is None
+
+
+def test_classes_agree_with_torchmetrics():
+    """Some classes absent from the truth, one of them predicted; one present and never found."""
+    rng = np.random.default_rng(4)
+    target = rng.choice([0, 1, 4, 9, 15], size=5000, p=[0.6, 0.2, 0.1, 0.05, 0.05])
+    predicted = np.where(rng.random(5000) < 0.7, target, rng.choice([0, 1, 4, 15, 6], size=5000))
+    predicted[target == 9] = 6
+    found, wanted = torch.from_numpy(predicted), torch.from_numpy(target)
+    confusion = confusion_matrix(predicted, target)
+    np.testing.assert_array_equal(confusion, multiclass_confusion_matrix(found, wanted, NUM_CLASSES).numpy())
+    iou = multiclass_jaccard_index(found, wanted, NUM_CLASSES, average="none").numpy()
+    recall = multiclass_accuracy(found, wanted, NUM_CLASSES, average="none").numpy()
+    present = np.unique(target)
+    scores = class_scores(confusion)
+    assert scores["miou"] == pytest.approx(100 * iou[present].mean(), abs=1e-4)
+    assert scores["miou_objects"] == pytest.approx(100 * iou[present[1:]].mean(), abs=1e-4)
+    assert scores["per_class_accuracy"] == pytest.approx(100 * recall[present].mean(), abs=1e-4)
 
 
 def test_shuffled_labels_drop_to_chance():
@@ -236,3 +261,22 @@ def test_a_broken_gradient_stops_only_its_camera():
     trace, _ = refine(Broken(), starts, np.zeros((2, 8, 8, 3), np.uint8), Intrinsics.from_fov(8, 8), Refinement(5, 16))
     np.testing.assert_array_equal(trace[-1, 0], np.eye(4))
     assert not np.allclose(trace[-1, 1], np.eye(4))
+
+
+def test_a_gradient_that_breaks_on_the_way_stops_its_camera_there():
+    """What Adam remembers of the iterations before must not move it on."""
+
+    class Breaking(Pattern):
+        calls = 0
+
+        def ray_gradients(self, rays_o, rays_d, target):
+            loss, grad_o, grad_d = super().ray_gradients(rays_o, rays_d, target)
+            self.calls += 1
+            if self.calls > 3:
+                grad_o[:16] = np.nan
+            return loss, grad_o, grad_d
+
+    starts, camera = np.stack([np.eye(4), np.eye(4)]), Intrinsics.from_fov(8, 8)
+    trace, _ = refine(Breaking(), starts, np.zeros((2, 8, 8, 3), np.uint8), camera, Refinement(8, 16))
+    assert not np.allclose(trace[3, 0], np.eye(4)) and not np.allclose(trace[3, 1], trace[-1, 1])
+    np.testing.assert_array_equal(trace[3:, 0], np.stack([trace[3, 0]] * 6))

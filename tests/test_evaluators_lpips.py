@@ -112,6 +112,15 @@ def test_only_the_file_that_was_meant(path):
         Lpips(path, "0" * 64)
 
 
+def test_halves_are_known_by_what_is_in_them(weights, lpips, tmp_path):
+    """Another file of the same backbone: other heads, in another order, with something else beside them."""
+    others = {name: value * (0.5 if name.startswith("lin") else 1) for name, value in reversed(weights.items())}
+    storage.write_arrays(tmp_path / "other.safetensors", {"classifier.0.bias": np.zeros(3), **others}, {"by": "me"})
+    other = Lpips(tmp_path / "other.safetensors")
+    assert other.parts["backbone"] == lpips.parts["backbone"]
+    assert other.parts["heads"] != lpips.parts["heads"] and other.sha256 != lpips.sha256
+
+
 @pytest.mark.parametrize(
     ("name", "array", "said"),
     [
@@ -143,7 +152,8 @@ def test_scores_name_the_weights_they_came_from(path, lpips, tmp_path):
     assert [row.status for row in scores if row.metric == "lpips"] == ["ok"]
     assert len(scores.artifacts["rendering"]["lpips"]) == 8
     scores.save(tmp_path / "scores.json")
-    assert Scores.load(tmp_path / "scores.json").weights == {"lpips": lpips.sha256}
+    weights = Scores.load(tmp_path / "scores.json").weights
+    assert weights == {"lpips": lpips.sha256} | {f"lpips_{part}": value for part, value in lpips.parts.items()}
     without = evaluate(TrueField(scene, views=1), scene, "smoke", tasks=["rendering"], progress=False)
     without.save(tmp_path / "without.json")
     assert without["rendering", "lpips"] is None and "weights" not in json.loads(
@@ -158,7 +168,7 @@ def test_photographs_are_scored_by_it_too(lpips):
     data = toy_photos.photographs(toy_photos.orbit(2))
     scores = evaluate(NearestView(data), data, progress=False, trajectory=data, lpips_weights=lpips)
     assert scores["held_out", "lpips"] == scores.yardsticks["nearest_view"]["held_out", "lpips"] == 0
-    assert scores.weights == scores.yardsticks["nearest_view"].weights == {"lpips": lpips.sha256}
+    assert scores.weights == scores.yardsticks["nearest_view"].weights and scores.weights["lpips"] == lpips.sha256
 
 
 def test_small_images_have_no_lpips(lpips):

@@ -1,5 +1,8 @@
 """Mesh extraction and its metrics, and the table of scores."""
 
+import json
+import struct
+
 import numpy as np
 import pytest
 import toy_scene
@@ -59,15 +62,16 @@ def ball():
 def test_marching_cubes_finds_the_ball(ball):
     radius = np.linalg.norm(ball.vertices, axis=1)
     assert np.abs(radius - 0.6).max() < 0.01
-    assert ball.is_watertight, "slabs are welded"
+    assert ball.is_watertight, "blocks are welded"
     assert ball.volume == pytest.approx(4 / 3 * np.pi * 0.6**3, rel=0.02), "and face outwards"
     assert set(ball.vertex_attributes["semantics"]) == {4}
 
 
-def test_slabs_do_not_change_the_mesh(ball, monkeypatch):
+@pytest.mark.parametrize("nodes", [3 * 51 * 51, 12 * 51 * 9, 1])  # cut along x, along x and y, into columns
+def test_blocks_do_not_change_the_mesh(ball, monkeypatch, nodes):
     from autonerf_lab.evaluators import mesh
 
-    monkeypatch.setattr(mesh, "_SLAB_NODES", 3 * 51 * 51)
+    monkeypatch.setattr(mesh, "_BLOCK_NODES", nodes)
     sliced = extract_mesh(Ball(), voxel=0.04, bounds=BOUNDS)
     assert len(sliced.faces) == len(ball.faces) and len(sliced.vertices) == len(ball.vertices)
     assert sliced.is_watertight
@@ -108,6 +112,45 @@ def test_export_is_upright_and_in_metres(ball, tmp_path):
         export_mesh(ball, tmp_path / "ball.stl")
 
 
+def test_an_exported_glb_keeps_the_rules_of_the_format(ball, tmp_path):
+    """What the Khronos validator checks first: lengths, alignment, names, stated bounds, indices in range."""
+    for mesh in (ball, semantic_mesh(ball)):
+        data = export_mesh(mesh, tmp_path / "ball.glb").read_bytes()
+        total, length = struct.unpack("<I", data[8:12])[0], struct.unpack("<I", data[12:16])[0]
+        assert total == len(data) and length % 4 == 0
+        document, blob = json.loads(data[20 : 20 + length]), data[28 + length :]
+        assert document["buffers"] == [{"byteLength": len(blob)}] and len(blob) % 4 == 0
+        ends = [0] + [view["byteOffset"] + view["byteLength"] for view in document["bufferViews"]]
+        starts = [view["byteOffset"] for view in document["bufferViews"]]
+        assert all(s % 4 == 0 and s >= e for s, e in zip(starts, ends, strict=False)) and ends[-1] <= len(blob)
+        (primitive,) = document["meshes"][0]["primitives"]
+        assert set(primitive["attributes"]) == {"POSITION", "COLOR_0"}, "classes are no attribute of glTF"
+
+        def values(accessor, dtype, width, document=document, blob=blob):
+            entry = document["accessors"][accessor]
+            start = document["bufferViews"][entry["bufferView"]]["byteOffset"] + entry.get("byteOffset", 0)
+            found = np.frombuffer(blob, dtype, entry["count"] * width, start).reshape(-1, width)
+            assert np.array_equal(found.min(axis=0), np.array(entry["min"], dtype))
+            assert np.array_equal(found.max(axis=0), np.array(entry["max"], dtype))
+            return found, entry
+
+        points, position = values(primitive["attributes"]["POSITION"], "<f4", 3)
+        colors, color = values(primitive["attributes"]["COLOR_0"], "u1", 4)
+        faces, _ = values(primitive["indices"], "<u4", 1)
+        assert position["type"] == "VEC3" and np.isfinite(points).all()
+        assert color["type"] == "VEC4" and color["normalized"] and len(colors) == len(points)
+        assert len(faces) == 3 * len(mesh.faces) and faces.max() == len(points) - 1
+        np.testing.assert_allclose(points, mesh.vertices[:, [0, 2, 1]] * (1, 1, -1), atol=1e-6)  # y is up
+        np.testing.assert_array_equal(colors, mesh.visual.vertex_colors)
+
+
+def test_a_ply_has_the_colours(ball, tmp_path):
+    for mesh in (ball, semantic_mesh(ball)):
+        again = trimesh.load(export_mesh(mesh, tmp_path / "ball.ply"), process=False)
+        np.testing.assert_allclose(again.vertices, mesh.vertices, atol=1e-6)
+        np.testing.assert_array_equal(again.visual.vertex_colors, mesh.visual.vertex_colors)
+
+
 def test_an_empty_field_gives_an_empty_mesh_and_scores_that_say_so(tmp_path):
     class Air(Ball):
         def density(self, points):
@@ -123,6 +166,15 @@ def test_an_empty_field_gives_an_empty_mesh_and_scores_that_say_so(tmp_path):
 def test_a_grid_that_would_not_fit_is_refused():
     with pytest.raises(DataError, match="larger voxel"):
         extract_mesh(Ball(), voxel=1e-4, bounds=BOUNDS)
+
+
+def test_blocks_of_a_fine_grid_fit_in_memory_and_share_no_cube():
+    from autonerf_lab.evaluators import mesh
+
+    blocks = list(mesh._blocks([2001, 2001, 2001]))
+    assert max(np.prod(last - first) for first, last in blocks) <= mesh._BLOCK_NODES
+    cubes = sum(int(np.prod(last - first - 1)) for first, last in blocks)
+    assert cubes == 2000**3, "each cube is in one block"
 
 
 def test_samples_are_uniform_and_distances_exact():

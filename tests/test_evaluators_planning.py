@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import toy_scene
 
-from autonerf_lab.evaluators.maps import CellState
+from autonerf_lab.classes import CLASS_NAMES
+from autonerf_lab.evaluators import TrueField
+from autonerf_lab.evaluators.maps import CellState, predict_states
 from autonerf_lab.evaluators.planning import (
     MAX_OBSTACLE_CELLS,
     Episode,
@@ -15,6 +17,7 @@ from autonerf_lab.evaluators.planning import (
     obstacle_cells,
     spl,
 )
+from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_columns
 from autonerf_lab.evaluators.truth import true_map
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.simulator import Simulator
@@ -94,12 +97,24 @@ def test_perfect_map_with_equal_dilation(truth, tasks, perfect):
     assert result.values["pointgoal_spl"] >= 99 and result.values["objectgoal_spl"] >= 99
 
 
+def test_the_true_geometry_as_a_field_with_equal_dilation(truth, tasks):
+    field = TrueField(toy_scene.two_rooms(), views=300)
+    labels = semantic_columns(*point_cloud(field), truth.grid)
+    result = evaluate_planning(predict_states(field, truth.grid), labels, truth, tasks, dilation=0.18)
+    assert result.values["pointgoal_success"] == 100 and result.values["pointgoal_spl"] >= 99
+    assert result.values["objectgoal_success"] == 100 and result.values["objectgoal_spl"] >= 95
+
+
 def test_an_empty_map_leads_through_obstacles_and_knows_no_object(truth, tasks):
     states = np.full(truth.grid.shape, CellState.FREE, np.uint8)
     result = evaluate_planning(states, np.zeros_like(states), truth, tasks)
     assert result.values["objectgoal_success"] == 0.0
-    assert result.artifact["reasons"]["objectgoal"] == {"class not predicted": 20 * len(tasks.classes)}
+    count = int((tasks.shortest_object[list(tasks.classes)] > 0).sum())
+    assert result.artifact["reasons"]["objectgoal"] == {"class not predicted": count}
     assert "through an obstacle" in result.artifact["reasons"]["pointgoal"]
+    beside = result.details["reasons"]
+    assert list(beside) == ["PointGoal", "ObjectGoal", *(f"ObjectGoal: {CLASS_NAMES[k]}" for k in tasks.classes)]
+    assert sum(beside[f"ObjectGoal: {CLASS_NAMES[k]}"]["class not predicted"] for k in tasks.classes) == count
 
 
 def test_a_wall_in_the_doorway_parts_the_rooms(truth, tasks, perfect):

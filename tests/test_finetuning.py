@@ -9,9 +9,10 @@ import toy_scene
 import trimesh
 
 from autonerf_lab import cli, training
+from autonerf_lab.config import preset
 from autonerf_lab.envs.pointgoal import PointGoalEnv
-from autonerf_lab.errors import DataError, RunFolderError
-from autonerf_lab.evaluators import finetuning
+from autonerf_lab.errors import DataError, RunFolderError, TrainingError
+from autonerf_lab.evaluators import Scores, finetuning
 from autonerf_lab.evaluators.finetuning import METRICS, evaluate_finetuning, load_goal_policy, reach_goals
 from autonerf_lab.policies import load_policy
 from autonerf_lab.policies.goal import STOP
@@ -20,6 +21,7 @@ from autonerf_lab.policies.weights import read_meta, save_weights
 from autonerf_lab.training import shortest_way
 from autonerf_lab.training.settings import POINTGOAL, settings_of
 from autonerf_lab.training.train import train_policy
+from autonerf_lab.types import Score
 from autonerf_lab.viz.finetuning_figures import practice
 
 SMALL = settings_of(POINTGOAL, frames=128, demonstrations=0, environments=2, rollout=32, batch=32, epochs=1, episode=40)
@@ -111,9 +113,58 @@ def test_it_practises_in_the_mesh_and_is_judged_in_the_truth(scene, weights, tmp
         assert result.artifact[stage]["episodes"] == reach_goals(policy, scene, 3)
 
     assert len(practice(result.artifact).axes[1].patches) == 6
-    nothing = evaluate_finetuning(trimesh.Trimesh(), scene, 1, 2, folder=tmp_path / "nothing")
-    assert nothing.values["success_finetuned"] is None and "not walkable" in nothing.status["spl_finetuned"]
-    assert nothing.values["success_finetuned_true_mesh"] is not None
+    scores = Scores(Score("finetuning", name, value) for name, value in result.values.items())
+    scores.details["finetuning"] = result.details
+    header, *rows = scores.practice()
+    assert header == ("fine-tuning", "success %", "SPL %", "frames", "hours")
+    assert [row[0] for row in rows] == ["pre-trained", "fine-tuned in the mesh", "fine-tuned in the true scene"]
+    assert rows[1][3] == f"{result.details['finetuned']['frames']:,}" and rows[0][3] == "0"
+    assert scores.table().splitlines()[-3:] and "fine-tuned in the true scene" in scores.table()
+
+
+@pytest.mark.parametrize("mesh", ["nothing", "nowhere to stand"])
+def test_a_mesh_that_nobody_can_walk_in_costs_the_other_stages_nothing(scene, weights, tmp_path, monkeypatch, mesh):
+    """The floor of the second one has a table over all of it: the import finds a floor, the robot no place."""
+    trained = []
+
+    def practise(place, frames, rate, seed, folder):
+        trained.append((place.name, rate))
+        return weights
+
+    monkeypatch.setattr(finetuning, "PRETRAINED", weights)
+    monkeypatch.setattr(finetuning, "_practise", practise)
+    table = trimesh.creation.box(bounds=([-1, -1, 0.3], [9, 4, 0.4]))
+    room = trimesh.Trimesh(scene.vertices, scene.faces, process=False)
+    found = trimesh.Trimesh() if mesh == "nothing" else trimesh.util.concatenate([room, table])
+    result = evaluate_finetuning(found, scene, 1, 2, 0, tmp_path, {"finetuned_true_mesh": 2.5e-5})
+    assert trained == [(scene.name, 2.5e-5)]
+    assert result.values["success_finetuned"] is None and result.n["success_finetuned"] == 0
+    assert result.status["spl_finetuned"].startswith("not walkable: ") and str(tmp_path) not in str(result.status)
+    assert set(result.status) == {"success_finetuned", "spl_finetuned"}
+    assert result.values["success_finetuned_true_mesh"] is not None and result.values["spl_pretrained"] is not None
+
+
+def test_a_training_that_fails_takes_nothing_from_the_others(scene, weights, tmp_path, monkeypatch):
+    errors = {"mesh": TrainingError("a loss is not finite"), scene.name: MemoryError()}
+
+    def practise(place, frames, rate, seed, folder):
+        raise errors[place.name]
+
+    monkeypatch.setattr(finetuning, "PRETRAINED", weights)
+    monkeypatch.setattr(finetuning, "_practise", practise)
+    mesh = trimesh.Trimesh(scene.vertices, scene.faces, process=False)
+    with pytest.raises(MemoryError):  # nothing after it would fare better
+        evaluate_finetuning(mesh, scene, 1, 2, folder=tmp_path)
+    errors[scene.name] = TrainingError("nor is this one")
+    result = evaluate_finetuning(mesh, scene, 1, 2, folder=tmp_path)
+    assert result.values["success_pretrained"] is not None
+    assert result.status["success_finetuned"] == "failed: TrainingError: a loss is not finite"
+    assert result.status["spl_finetuned_true_mesh"] == "failed: TrainingError: nor is this one"
+
+
+def test_the_paper_has_two_learning_rates():
+    size = preset("paper")
+    assert (size.finetuning_frames, size.finetuning_lr, size.finetuning_lr_true_mesh) == (10_000_000, 2.5e-6, 2.5e-5)
 
 
 def test_a_training_goes_on_where_and_from_what_it_began(scene, weights, tmp_path, capsys):

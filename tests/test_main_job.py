@@ -74,6 +74,39 @@ def test_report_shows_every_section(finished):
     assert len(text) < 20e6
 
 
+def test_what_is_kept_beside_the_scores_is_shown(finished):
+    details = json.loads((finished[0] / "scores.json").read_text())["details"]
+    assert len(details["rendering"]["test_poses_x_y_heading"]) == 8
+    assert sum(details["planning"]["reasons"]["PointGoal"].values()) == 10
+    text = (finished[0] / "report.html").read_text()
+    assert "<th>episodes</th>" in text and "<td>PointGoal</td>" in text and "<td>ObjectGoal: " in text
+
+
+def test_what_takes_long_is_asked_for_by_name(run):
+    before = (run / "scores.json").read_bytes()
+    result = command("evaluate", run, "--overwrite", "--optional", "navigatoin")
+    assert result.returncode == 1 and "valid names: finetuning, navigation" in result.stderr
+    assert (run / "scores.json").read_bytes() == before, "nothing is lost"
+    result = command("evaluate", run, "--overwrite", "--optional", "navigation", "--interest-regions")
+    assert result.returncode == 0, result.stderr
+    rows = json.loads((run / "scores.json").read_text())["scores"]
+    assert {row["task"] for row in rows} >= {"navigation"}
+    assert {row["preset"] for row in rows} == {"smoke, refine_interest=True"}
+    assert command("report", run).returncode == 0
+    assert 'id="navigation"' in (run / "report.html").read_text()
+
+
+def test_a_mesh_in_another_format_and_size(run):
+    assert command("mesh", run, "--overwrite", "--format", "stl").returncode == 1
+    assert command("mesh", run, "--overwrite", "--voxel", "-1").returncode == 1
+    assert (run / "mesh/mesh.json").exists(), "nothing is lost"
+    result = command("mesh", run, "--overwrite", "--voxel", "0.1", "--format", "ply")
+    assert result.returncode == 0, result.stderr
+    counts = json.loads((run / "mesh/mesh.json").read_text())
+    assert counts["voxel_m"] == 0.1 and not list(run.glob("mesh/*.glb"))
+    assert len(list(run.glob("mesh/*.ply"))) == (2 if counts["triangles"] else 0)
+
+
 def test_second_time_is_refused(finished):
     folder, _ = finished
     result = command("demo", "--preset", "smoke", "--out", folder)
@@ -144,7 +177,7 @@ def test_example_of_the_readme_runs(tmp_path):
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
     assert block and len(block[1].strip().splitlines()) <= 12
     code = block[1].replace("steps=1500", "steps=60").replace('preset="fast"', 'preset="smoke"')
-    code = re.sub(r"(?m)^lab\.extract_mesh.*$", "assert callable(lab.extract_mesh)", code)
+    code = re.sub(r"(?m)^export_mesh.*$", "assert callable(lab.extract_mesh)", code)
     env = {**os.environ, "AUTONERF_LAB_PRESET": "smoke"}
     result = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, env=env, capture_output=True, text=True, check=False

@@ -207,6 +207,21 @@ def test_a_model_of_ones_own_is_passed_as_it_is(walk: Trajectory, tmp_path: Path
     assert model_spec(mine) is mine
 
 
+@pytest.mark.parametrize("name", list(MODELS))
+def test_rays_in_pieces_have_the_same_gradients(walk: Trajectory, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from autonerf_lab.nerf import model as module
+
+    nerf = train(walk, name, 2, seen_rays=500)
+    rng = np.random.default_rng(0)
+    rays_d, target = rng.normal(size=(300, 3)).astype(np.float32), rng.random((300, 3)).astype(np.float32)
+    rays_o = np.repeat(walk.poses[:1, :3, 3], 300, axis=0).astype(np.float32)
+    whole = nerf.ray_gradients(rays_o, rays_d, target)
+    monkeypatch.setattr(module, "GRADIENT_PIECE", 128)  # the last piece is no whole one
+    for found, wanted in zip(nerf.ray_gradients(rays_o, rays_d, target), whole, strict=True):
+        assert found.shape == wanted.shape
+        np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-6)
+
+
 def test_the_example_is_passed_as_it_is_too(walk: Trajectory) -> None:
     from tiny_model import SPEC
 

@@ -4,10 +4,11 @@ A field of photographs, of which no truth is known, is scored on those that it w
 """
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from tqdm import tqdm
 
 from autonerf_lab.config import Preset
@@ -23,18 +24,25 @@ from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.tasks import METRICS, Run, rows_of, run_task
 from autonerf_lab.evaluators.tsdf import fused_scores
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from autonerf_lab.scenes.scene import Scene
 
 
-def _check_scene(field: Field, scene: "Scene") -> None:
-    name = field.meta.get("scene")
+def _check_scene(what: str, poses: np.ndarray, meta: Mapping[str, Any], frame: FieldFrame, scene: "Scene") -> None:
+    name, known = meta.get("scene"), meta.get("scene_sha256")
     if name and name != scene.name:
-        raise DataError(
-            f"this field shows scene {name!r}, not {scene.name!r}; evaluate it in the scene it was trained in"
-        )
+        raise DataError(f"{what} shows scene {name!r}, not {scene.name!r}; evaluate in the scene it was made in")
+    if known and known != scene.sha256:
+        raise DataError(f"{what} shows another scene of the name {scene.name!r}: the apartment has changed since")
+    if frame.unit != 1 or np.any(frame.origin):
+        raise DataError(f"{what} is not in metres, as that of photographs: only held-out photographs can judge it")
+    low, high = scene.bounds
+    outside = np.mean(np.any((poses[:, :3, 3] < low) | (poses[:, :3, 3] > high), axis=1))
+    if outside > 0.5:  # odometry may drift through a wall, but not all the way
+        raise DataError(f"{100 * outside:.0f} % of the cameras of {what} lie outside the bounds of {scene.name!r}")
 
 
 def evaluate(
@@ -47,6 +55,7 @@ def evaluate(
     trajectory: Trajectory | Dataset | None = None,
     lpips_weights: "str | Path | Lpips | None" = None,
     keep: str | Path | None = None,
+    ceiling: bool = False,
 ) -> Scores:
     """Score a field in its scene, or on photographs that were held out.
 
@@ -64,8 +73,10 @@ def evaluate(
             its nearest image instead of a rendering would score, and ``["tsdf"]`` what its depth, fused, scores as a
             mesh (with the extra ``open3d``).
         lpips_weights: the file of :mod:`autonerf_lab.evaluators.lpips`, or an ``Lpips`` that has read (and checked)
-            it; ``scores.weights["lpips"]`` keeps its SHA-256. Without, LPIPS has no value (of photographs: no row).
+            it; ``scores.weights`` keeps its SHA-256. Without, LPIPS has no value (of photographs: no row).
         keep: folder of what takes hours, the trainings of ``finetuning``: interrupted, they go on there.
+        ceiling: put the true geometry through the same tasks too: ``scores.yardsticks["ceiling"]``. Those of
+            ``OPTIONAL`` have values of the true scene of their own.
 
     Returns:
         One row a metric, in the order of the protocol. A value that cannot be computed is None and its ``status`` says
@@ -74,8 +85,10 @@ def evaluate(
 
     Raises:
         UnknownNameError: a task or preset that does not exist.
-        DataError: the field shows another scene; tasks that need the truth, where there are only photographs; the
-            file of ``lpips_weights`` is missing or not as it should be.
+        DataError: the field or the trajectory shows another scene, is not in metres, or lies outside of the scene;
+            tasks that need the truth, where there are only photographs; the file of ``lpips_weights`` is missing or
+            not as it should be; the disk is full.
+        MemoryError: there is too little.
 
     Example::
 
@@ -87,15 +100,18 @@ def evaluate(
         if tasks is not None:
             raise DataError("photographs hold no truth for tasks: leave tasks out, or give the scene")
         return _held_out(nerf, scene, progress, trajectory, lpips)
-    size = get_preset(preset)
-    scores = _score(Run, nerf, scene, size, seed, tasks, progress, lpips, keep)
-    if trajectory is not None and (tasks is None or "rendering" in tasks):
-        nearest: Any = NearestView(trajectory)  # it renders, and this task asks nothing else
-        scores.yardsticks["nearest_view"] = evaluate(
-            nearest, scene, size, seed, ["rendering"], False, lpips_weights=lpips
-        )
-    if isinstance(trajectory, Trajectory) and trajectory.depth is not None and (tasks is None or "mesh" in tasks):
+    size, names = get_preset(preset), [*METRICS] if tasks is None else list(tasks)
+    nearest: Any = None if trajectory is None else NearestView(trajectory)
+    if nearest is not None:  # before anything is computed
+        _check_scene("this trajectory", nearest.cameras, nearest.meta, nearest.frame, scene)
+    scores = _score(Run, nerf, scene, size, seed, names, progress, lpips, keep)
+    if nearest is not None and "rendering" in names:  # it renders, and this task asks nothing else
+        scores.yardsticks["nearest_view"] = _score(Run, nearest, scene, size, seed, ["rendering"], False, lpips)
+    if isinstance(trajectory, Trajectory) and trajectory.depth is not None and "mesh" in names:
         scores.yardsticks["tsdf"] = fused_scores(nerf, scene, size, seed, trajectory)
+    if ceiling:
+        names = [name for name in names if name in METRICS]
+        scores.yardsticks["ceiling"] = _of_truth(scene, size, seed, names, progress, lpips)
     return scores
 
 
@@ -106,12 +122,26 @@ def ceiling(
     tasks: Iterable[str] | None = None,
     lpips_weights: "str | Path | Lpips | None" = None,
 ) -> Scores:
-    """What the true geometry scores in the same tasks: no field can be expected to do better."""
-    size = get_preset(preset)
+    """What the true geometry scores in the same tasks: no field can be expected to do better.
+
+    Arguments and errors are those of :func:`evaluate`, whose ``ceiling=True`` sets these scores beside its own.
+
+    Example:
+        >>> from autonerf_lab.scenes import load_scene
+        >>> ceiling(load_scene("val-0"), "smoke", tasks=["rendering"])["rendering", "miou"]
+        100.0
+    """
+    lpips = Lpips(lpips_weights) if isinstance(lpips_weights, str | Path) else lpips_weights
+    return _of_truth(scene, get_preset(preset), seed, tasks, False, lpips)
+
+
+def _of_truth(
+    scene: "Scene", size: Preset, seed: int, tasks: Iterable[str] | None, progress: bool, lpips: Lpips | None
+) -> Scores:
     from autonerf_lab.simulator import Simulator
 
     sim = Simulator(scene, Intrinsics.from_fov(size.width, size.height), supersample=size.supersample)
-    return evaluate(TrueField(scene, sim), scene, size, seed, tasks, False, lpips_weights=lpips_weights)
+    return _score(Run, TrueField(scene, sim), scene, size, seed, tasks, progress, lpips)
 
 
 def upstream_scores(
@@ -151,7 +181,7 @@ def _score(
     for name in names:
         if name not in kind.metrics:
             raise UnknownNameError("task", name, kind.metrics)
-    _check_scene(nerf, scene)
+    _check_scene("this field", nerf.cameras, nerf.meta, nerf.frame, scene)
     steps = {"rendering": size.test_poses, "pose_refinement": size.refine_iterations}
     scores = Scores()
     scores.weights = _weights(lpips)
@@ -159,14 +189,16 @@ def _score(
         run = kind(nerf, scene, size, seed, bar.update, lpips, keep)
         for name in names:
             bar.set_description(name.replace("_", " "))
-            scores.extend(run_task(run, name, scores.artifacts))
+            rows, result = run_task(run, name)
+            scores.extend(rows)
+            scores.artifacts[name], scores.details[name] = result.artifact, result.details
             if name not in steps:
                 bar.update()
     return scores
 
 
 def _weights(lpips: Lpips | None) -> dict[str, str]:
-    return {"lpips": lpips.sha256} if lpips else {}
+    return {"lpips": lpips.sha256} | {f"lpips_{part}": value for part, value in lpips.parts.items()} if lpips else {}
 
 
 def _held_out(

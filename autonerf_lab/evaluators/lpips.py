@@ -18,6 +18,9 @@ writes it::
     weights = {name: value for name, value in vgg.items() if name.startswith("features.")}
     weights |= {f"lin{k}.model.1.weight": heads[f"lin{k}.model.1.weight"] for k in range(5)}
     save_file(weights, "lpips-vgg16.safetensors")
+
+Scores keep the SHA-256 of the file, and of the tensors of the backbone and of the heads alone: these are the same
+however a file was written, and say which half another laboratory has in common.
 """
 
 import hashlib
@@ -63,6 +66,7 @@ class Lpips:
         shapes = {name: tuple(value.shape) for name, value in _vgg16().state_dict().items()}
         shapes |= {_HEAD.format(k): (1, widths[-1], 1, 1) for k, widths in enumerate(STAGES)}
         tensors = {name: _checked(path, name, arrays.get(name), shape) for name, shape in shapes.items()}
+        self.parts = {part: _digest(tensors, start) for part, start in (("backbone", "features."), ("heads", "lin"))}
         self._heads = [tensors.pop(_HEAD.format(k))[0] for k in range(len(STAGES))]  # (C, 1, 1) each
         network = _vgg16()
         network.load_state_dict(tensors, assign=True)
@@ -88,6 +92,14 @@ class Lpips:
             x, y = features / (features.norm(dim=1, keepdim=True) + _EPS)
             distance += float((head * (x - y) ** 2).sum(dim=0).mean())
         return distance
+
+
+def _digest(tensors: dict[str, torch.Tensor], start: str) -> str:
+    """SHA-256 over names and values (float32, little-endian) of those whose names start so, by name."""
+    digest = hashlib.sha256()
+    for name in sorted(name for name in tensors if name.startswith(start)):
+        digest.update(name.encode() + tensors[name].numpy().astype("<f4").tobytes())
+    return digest.hexdigest()
 
 
 def _checked(path: str | Path, name: str, array: np.ndarray | None, shape: tuple[int, ...]) -> torch.Tensor:

@@ -1,18 +1,22 @@
-"""Task 2, occupancy: a top-down map of 1 cm cells read out of the density (section 3.3 and "Metric Map Estimation").
+"""Task 2, occupancy: a top-down map of 1 cm cells read out of the density (section 4.3).
+
+Details of the paper's maps are in its appendix, "Metric Map Estimation".
 
 **Prediction.** The density is asked at the middle of 26 levels of 3 cm between 0.10 m and 0.88 m. With the step
 delta = 10 cm a voxel is opaque when ``alpha = 1 - exp(-sigma * delta)`` exceeds ``OPACITY_THRESHOLD``. A column is
 
-* *unknown* when no training view saw any voxel of it (``field.seen``, from rendered depth, every second level),
+* *unknown* when no training view saw any voxel of it (``field.seen``, from rendered depth; asked at every second level,
+  6 cm apart, because what is seen is kept in voxels of 5 cm anyway),
 * *occupied* when it is known and any voxel is opaque,
 * *free* otherwise.
 
 Unknown comes first because the density of space that no view constrains means nothing.
 
 **Scores**, over the cells where the truth is occupied or free. Free space as the positive class, an unknown cell being
-not free: accuracy, precision = TP / (TP + FP), recall = TP / (TP + FN). Occupied as the positive class, 5 cm tolerance:
-precision is the share of predicted cells within 5 cm of a true one; recall the share of true cells within 5 cm of a
-predicted one (wherever that lies: a wall found 3 cm too deep is found).
+not free: accuracy = (TP + TN) / (TP + TN + FP + FN), precision = TP / (TP + FP), recall = TP / (TP + FN). Occupied as
+the positive class, 5 cm tolerance, with P the predicted cells, T the true ones and d the distance to the nearest:
+precision = |{p in P, scored: d(p, T) <= 5 cm}| / |{p in P, scored}|, recall = |{t in T: d(t, P) <= 5 cm}| / |T|
+(wherever the predicted cell lies: a wall found 3 cm too deep is found).
 """
 
 from enum import IntEnum

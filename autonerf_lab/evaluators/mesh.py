@@ -1,11 +1,14 @@
-"""Task 5, extraction: a triangle mesh out of the density, by marching cubes ("Mesh generation" of section 3.3).
+"""Task 5, extraction: a triangle mesh out of the density, by marching cubes ("Mesh generation" of the appendix).
 
-The opacity of a 10 cm step, ``1 - exp(-0.10 sigma)``, is sampled on a grid and cut at one half. Only
+The opacity of a 10 cm step, ``alpha = 1 - exp(-0.10 sigma)``, is sampled on a grid and cut at one half. Only
 cubes whose eight corners were seen from the training views are kept: behind a surface nothing constrains the density.
-The mesh is open, as a scan is. The grid is worked through in slabs that share one plane of samples, welded
-afterwards.
+The mesh is open, as a scan is. The grid is worked through in blocks, cut along x and y, that share one plane of samples
+with their neighbours and are welded afterwards: what grows with the resolution is the mesh, not the grid.
 """
 
+import math
+from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,8 +30,8 @@ if TYPE_CHECKING:
 # The level set of the surface. Maps ask for more, because a map must not close a door; a mesh should not have holes.
 SURFACE_OPACITY = 0.5
 MIN_TRIANGLES = 100  # smaller pieces are noise
-MAX_NODES = 1 << 28
-_SLAB_NODES = 1 << 21
+MAX_TRIANGLES = 1 << 25  # about 4 GB while they are welded
+_BLOCK_NODES = 1 << 21
 _BOUNDS_RAYS = 100_000
 _MARGIN = 0.10  # metres
 _CHUNK = 1 << 18
@@ -70,7 +73,7 @@ def extract_mesh(
         Without any surface the mesh is empty.
 
     Raises:
-        DataError: the grid would not fit in memory.
+        DataError: the mesh would not fit in memory.
     """
     import trimesh
 
@@ -79,14 +82,13 @@ def extract_mesh(
     # from here on in the field's coordinates, where 10 cm and five digits mean the same in every capture
     voxel, bounds = voxel / field.frame.unit, field.frame.enter(bounds)
     size = np.maximum(2, np.ceil((bounds[1] - bounds[0]) / voxel).astype(np.int64) + 1)
-    if float(np.prod(size.astype(np.float64))) > MAX_NODES:
-        raise DataError(
-            f"a mesh of {bounds[1] - bounds[0]} at {voxel} needs over {MAX_NODES} samples; use a larger voxel"
-        )
-    thick = max(2, int(_SLAB_NODES // (size[1] * size[2])))
+    a, b, c = (size - 1).tolist()
+    if (triangles := 4 * (a * b + b * c + c * a)) > MAX_TRIANGLES:  # walls, floor and ceiling alone have as many
+        text = " x ".join(f"{s:.3g}" for s in bounds[1] - bounds[0])
+        raise DataError(f"a mesh of {text} at {voxel:.3g} has over {triangles:.1g} triangles: use a larger voxel")
     vertices, faces, count = [], [], 0
-    for first in range(0, int(size[0]) - 1, thick - 1):
-        piece = _slab(field, bounds[0], voxel, (first, min(first + thick, int(size[0]))), size, threshold)
+    for first, last in _blocks(size.tolist()):
+        piece = _block(field, bounds[0], voxel, first, last, threshold)
         if piece is not None:
             vertices.append(piece[0])
             faces.append(piece[1] + count)
@@ -104,10 +106,19 @@ def extract_mesh(
     return mesh
 
 
-def _slab(
-    field: Field, low: np.ndarray, voxel: float, planes: tuple[int, int], size: np.ndarray, threshold: float
+def _blocks(size: list[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """First and last node of each block: all of z, and as much of y, then of x, as memory allows."""
+    nodes = max(4, _BLOCK_NODES // size[2])  # of a block, seen from above
+    wide = size[1] if 2 * size[1] <= nodes else max(2, math.isqrt(nodes))
+    thick = max(2, nodes // wide)
+    for x, y in product(range(0, size[0] - 1, thick - 1), range(0, size[1] - 1, wide - 1)):
+        yield np.array([x, y, 0]), np.minimum([x + thick, y + wide, size[2]], size)
+
+
+def _block(
+    field: Field, low: np.ndarray, voxel: float, first: np.ndarray, last: np.ndarray, threshold: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    axes = [np.arange(*planes), np.arange(size[1]), np.arange(size[2])]
+    axes = [np.arange(*ends) for ends in zip(first, last, strict=True)]
     shape = tuple(len(axis) for axis in axes)
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     points = field.frame.leave((low + nodes * voxel).astype(np.float32))
@@ -127,7 +138,7 @@ def _slab(
         known &= seen[tuple(slice(c, s - 1 + c) for c, s in zip(corner, shape, strict=True))]
     cube = np.floor(vertices[faces].mean(axis=1)).astype(np.int64)
     faces = faces[known[tuple(np.minimum(cube, np.array(shape) - 2).T)]]
-    return low + (vertices + np.array([planes[0], 0, 0])) * voxel, faces
+    return low + (vertices + first) * voxel, faces
 
 
 def large_pieces(faces: np.ndarray, count: int, minimum: int) -> np.ndarray:

@@ -1,11 +1,13 @@
 """Task 5, judgement: how far is a reconstructed mesh from the true one?
 
-100,000 seeded samples on each mesh. The distance of a sample to the other mesh is exact for the triangles of the 8
-samples nearest to it there.
+The paper shows meshes and does not measure them. These are the scores of neural mapping since iMAP (Sucar et al. 2021)
+and, for normals, of occupancy networks (Mescheder et al. 2019). R are 100,000 seeded samples on the reconstruction, T
+as many on the truth, d(p, M) the distance of a sample to a mesh (exact for the triangles of the 8 samples nearest to it
+there), n(p) its normal and n(p, M) that of M where it is nearest:
 
-* ``accuracy_m``: mean distance of the reconstruction to the truth.
-* ``completion_m``: mean distance of the truth to the reconstruction; ``completion_ratio``: share within 5 cm.
-* ``normal_consistency``: mean of |cosine| between the normals at nearest points, averaged over both directions.
+* ``accuracy_m`` = mean over r in R of d(r, truth);
+* ``completion_m`` = mean over t in T of d(t, reconstruction), ``completion_ratio`` = share of T with d < 5 cm;
+* ``normal_consistency`` = (mean_R |n(r) . n(r, truth)| + mean_T |n(t) . n(t, reconstruction)|) / 2.
 
 The truth is restricted to what the training views saw (``field.seen``); with the suffix ``_all`` it is the whole scene,
 cupboard tops included. A reconstruction holds seen parts only, so accuracy has no such variant.

@@ -1,17 +1,18 @@
 """Task 6, navigation in the mesh: can a robot that moves step by step use the reconstruction as a place to walk in?
 
-The mesh of the field is written, imported as any scan is, and put back to where it was. The same PointGoal episodes are
-walked in it and in the true scene: seeded starts and goals where the robot fits in both, at least 2 m apart on the
-shortest true way. The robot begins with an empty map, maps the depth it sees (64 x 64 pixels), and follows the local
-policy's fast marching by forward steps and turns. It stops within 0.36 m of the goal, which is success, or fails after
-500 steps:
+After "Navigating inside a NeRF-generated mesh" of the paper's appendix. The mesh of the field is written, imported as
+any scan is, and put back to where it was. The same PointGoal episodes are walked in it and in the true scene: seeded
+starts and goals where the robot fits in both, at least 2 m apart on the shortest true way. The robot begins with an
+empty map, maps the depth it sees (64 x 64 pixels), and follows the local policy's fast marching by forward steps and
+turns. It stops within 0.36 m of the goal, which is success, or fails after 500 steps:
 
 * ``no way``: on its map, nothing leads to the goal;
 * ``stuck``: half of its last 50 steps were collisions;
 * ``out of steps``: neither.
 
-SPL weights a success by the shortest way in the place that is walked in. Where the robot does not fit in the
-reconstruction no episode begins: a mesh with little ground has easy ones, so look at the ground too (``ground.area``).
+``SPL = mean of S l / max(p, l)``: S success, p the way that was walked, l the shortest to the goal itself in the place
+that is walked in. Where the robot does not fit in the reconstruction no episode begins: a mesh with little ground has
+easy ones, so look at the ground too (``ground.area``).
 """
 
 import tempfile
@@ -22,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from autonerf_lab.errors import SceneError
+from autonerf_lab.errors import DataError, SceneError
 from autonerf_lab.evaluators.mesh import export_mesh
 from autonerf_lab.evaluators.result import TaskResult
 from autonerf_lab.geometry import Intrinsics, cell_to_world, planar_pose, world_to_cell
@@ -81,7 +82,11 @@ def mesh_scene(mesh: "trimesh.Trimesh") -> Scene:
         DataError: it is empty.
     """
     with tempfile.TemporaryDirectory() as folder:
-        scene = import_scene(export_mesh(mesh, Path(folder) / "mesh.glb"))
+        path = Path(folder) / "mesh.glb"
+        try:
+            scene = import_scene(export_mesh(mesh, path))
+        except DataError as error:  # the name of a file that nobody will ever see again
+            raise type(error)(str(error).replace(str(path), "the mesh")) from error
     middle = mesh.bounds.mean(axis=0) * (1, 1, 0)  # the import puts it to zero, and its floor
     return replace(scene, vertices=(scene.vertices + middle).astype(np.float32))
 
@@ -167,7 +172,11 @@ def evaluate_navigation(mesh: "trimesh.Trimesh", scene: Scene, count: int, seed:
         "ground": found.navigation,
         "ground_true_mesh": true.navigation,
     }
-    return TaskResult(values, dict.fromkeys(values, len(episodes)), {}, artifact)
+    details = {
+        "reasons": {"in the mesh": reasons[""], "in the true scene": reasons["_true_mesh"]},
+        "ground_m2": {"in the mesh": found.navigation.area, "in the true scene": true.navigation.area},
+    }
+    return TaskResult(values, dict.fromkeys(values, len(episodes)), {}, artifact, details)
 
 
 def _nothing(why: str) -> TaskResult:

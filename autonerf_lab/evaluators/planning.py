@@ -1,4 +1,4 @@
-"""Task 3, planning: is the map good enough to find one's way (section 3.3 and "Planning" of the appendix)?
+"""Task 3, planning: is the map good enough to find one's way (section 4.3, and "Planning" of the appendix)?
 
 **Maps.** Planned on the predicted map of 1 cm, where occupied and unknown columns are obstacles grown by 20 cm;
 judged on the true map, where everything but free space is an obstacle grown by 18 cm, the robot's radius. An end of a
@@ -9,7 +9,8 @@ path that the predicted map blocks gets the released code's cleared disc of 40 c
 distance of at least 2 m. Success: the path ends less than 1 m from the goal and crosses less than 10 cells that are
 obstacles.
 
-**ObjectGoal.** The same starts, every class that the true map holds. The goals are the free cells beside the predicted
+**ObjectGoal.** The same starts, every class that the true map holds beside ground that the robot can reach: one that no
+robot could stand beside (a cup in a sealed corner) is no task. The goals are the free cells beside the predicted
 columns of the class: at most 25 cm from them (the released code's disc), or, for what lies deep on a table or behind
 other furniture, at most 5 cm farther than the nearest free cell. Each connected patch of columns has its own such ring,
 so the planner goes to the nearest; predicted patches with less than a tenth of the columns of the largest of their
@@ -18,7 +19,8 @@ than 1 m from a true column of that class, and crosses less than 10 obstacle cel
 a failure.
 
 **SPL** = mean of S l / max(p, l): p the length of the path, l the shortest on the true map, to the goal or, for an
-object, to the ring around its true columns.
+object, to the ring around its true columns. A start that lies in that ring already (l = 0) has no way to plan, and SPL
+would be zero however short the path: it is no episode.
 
 Every failed episode carries a reason: ``class not predicted``, ``no path``, ``through an obstacle`` or ``ended far``.
 """
@@ -33,10 +35,11 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.classes import CLASS_NAMES, NUM_CLASSES
 from autonerf_lab.evaluators.maps import CellState
 from autonerf_lab.evaluators.result import TaskResult
 from autonerf_lab.evaluators.truth import TrueMap
+from autonerf_lab.machine import threads
 from autonerf_lab.planning.fast_marching import descend, path_length, travel_distance, weighted_success
 
 PREDICTED_DILATION = 0.20  # metres
@@ -49,7 +52,6 @@ OBJECT_RING = 25  # cells
 NOISE_SHARE = 0.1
 _RING_WIDTH = 5  # cells beyond the nearest free one
 _RING_REACH = 100  # cells: an object farther from free space than success allows is out of reach
-_THREADS = 2
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,7 @@ def make_tasks(truth: TrueMap, count: int, seed: int = 0) -> Tasks:
                 return goal, float(field[tuple(goal)])
         return starts[i], 0.0  # an apartment where nothing is 2 m away
 
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(threads()) as pool:
         drawn = list(pool.map(draw, range(count)))
         rings = {k: object_ring(truth.semantics[k - 1], passable) for k in truth.classes}
         classes = tuple(k for k, ring in rings.items() if ring.any())
@@ -269,7 +271,7 @@ def plan_points(free: np.ndarray, tasks: Tasks, cell: float) -> list[Episode]:
         return Episode(start, goal, 0, reason, path, length, float(tasks.shortest[i]))
 
     reachable = np.flatnonzero(tasks.shortest > 0)
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(threads()) as pool:
         return list(pool.map(episode, reachable.tolist()))
 
 
@@ -282,7 +284,8 @@ def plan_objects(free: np.ndarray, labels: np.ndarray, truth: TrueMap, tasks: Ta
         field = travel_distance(free, object_ring(columns, free, NOISE_SHARE), cell) if columns.any() else None
         tree = cKDTree(np.argwhere(truth.semantics[k - 1]))
         episodes = []
-        for i, start in enumerate(tasks.starts):
+        for i in np.flatnonzero(tasks.shortest_object[k] > 0).tolist():
+            start = tasks.starts[i]
             path = None if field is None else _follow(field, start, cell)
             reason = _judge(path, tasks, i, lambda end: float(tree.query(end)[0] * cell))
             reason = "class not predicted" if field is None else reason
@@ -290,7 +293,7 @@ def plan_objects(free: np.ndarray, labels: np.ndarray, truth: TrueMap, tasks: Ta
             episodes.append(Episode(start, None, k, reason, path, length, float(tasks.shortest_object[k, i])))
         return episodes
 
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(threads()) as pool:
         return [episode for group in pool.map(of_class, tasks.classes) for episode in group]
 
 
@@ -308,12 +311,12 @@ def evaluate_planning(
     """
     free = grow(states == CellState.FREE, dilation, truth.grid.cell)
     points, objects = plan_points(free, tasks, truth.grid.cell), plan_objects(free, labels, truth, tasks)
-    result = planning_scores(points, objects)
+    result = planning_scores(points, objects, truth)
     return replace(result, artifact=result.artifact | {"free": free})
 
 
-def planning_scores(points: list[Episode], objects: list[Episode]) -> TaskResult:
-    """The four scores of judged episodes, and why they failed."""
+def planning_scores(points: list[Episode], objects: list[Episode], truth: TrueMap) -> TaskResult:
+    """The four scores of judged episodes, and how many ended how."""
     values: dict[str, float | None] = {}
     n, status = {}, {}
     both = {"pointgoal": points, "objectgoal": objects}
@@ -323,8 +326,15 @@ def planning_scores(points: list[Episode], objects: list[Episode]) -> TaskResult
         for metric in (f"{name}_success", f"{name}_spl"):
             n[metric] = len(episodes)
             if not episodes:
-                status[metric] = "no goal within reach"
-    reasons = {
-        name: dict(sorted(Counter(e.reason or "success" for e in episodes).items())) for name, episodes in both.items()
-    }
-    return TaskResult(values, n, status, {"points": points, "objects": objects, "reasons": reasons})
+                nothing = name == "objectgoal" and not truth.classes
+                status[metric] = "no object in the scene" if nothing else "no goal within reach"
+    reasons = {name: _reasons(episodes) for name, episodes in both.items()}
+    named = {"PointGoal": reasons["pointgoal"], "ObjectGoal": reasons["objectgoal"]}
+    for k in sorted({e.class_id for e in objects}):
+        named[f"ObjectGoal: {CLASS_NAMES[k]}"] = _reasons(e for e in objects if e.class_id == k)
+    artifact = {"points": points, "objects": objects, "reasons": reasons}
+    return TaskResult(values, n, status, artifact, {"reasons": named})
+
+
+def _reasons(episodes: Iterable[Episode]) -> dict[str, int]:
+    return dict(sorted(Counter(episode.reason or "success" for episode in episodes).items()))

@@ -1,4 +1,4 @@
-"""Task 4, pose refinement (section 3.3): move a camera until the field shows what the camera saw.
+"""Task 4, pose refinement (section 4.3): move a camera until the field shows what the camera saw.
 
 The start is the true camera turned by 5 degrees about a seeded random axis and moved 5 cm in a seeded random direction,
 about the camera itself. Each iteration compares random pixels of the simulator's image with the field,
@@ -128,7 +128,7 @@ def refine(
 
     Returns:
         (iterations + 1, K, 4, 4) poses, the start first, and (iterations, K) losses. A camera whose gradient is not
-        finite stays where it is.
+        finite stays where it is in that iteration.
     """
     settings = settings or Refinement()
     rng = np.random.default_rng([seed, 41])
@@ -154,12 +154,14 @@ def refine(
         gradient = pose_gradients(
             local, poses[:, :3, :3], grad_o.astype(np.float64).reshape(shape), grad_d.astype(np.float64).reshape(shape)
         )
-        gradient[~np.isfinite(gradient).all(axis=1)] = 0
+        broken = ~np.isfinite(gradient).all(axis=1)
+        gradient[broken] = 0
         gradient /= settings.rays
         first = _BETA1 * first + (1 - _BETA1) * gradient
         second = _BETA2 * second + (1 - _BETA2) * gradient**2
         lr = settings.lr * (settings.lr_final / settings.lr) ** (i / max(1, settings.iterations - 1))
         step = (first / (1 - _BETA1 ** (i + 1))) / (np.sqrt(second / (1 - _BETA2 ** (i + 1))) + _EPS)
+        step[broken] = 0  # Adam would move it on by what it remembers
         poses = move(poses, -lr * step)
         trace.append(poses)
         losses.append(loss.reshape(count, -1).mean(axis=1))

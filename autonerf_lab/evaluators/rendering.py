@@ -1,15 +1,18 @@
-"""Task 1, rendering (section 3.3): images from poses that the walk never chose.
+"""Task 1, rendering (section 4.3): images from poses that the walk never chose.
 
 Test poses are uniform over the navigable floor and over heading, seeded, and independent of every walk. The target is
 the simulator's image. Averages are over images; classes are judged on one confusion matrix over all images.
 
 * PSNR = -10 log10 MSE, sRGB values in [0, 1]. The error of an image is taken as at least that of rounding to 8 bits
   (a uniform error of half a level), so that a perfect image scores 58.9 dB and not infinity.
-* SSIM with the Gaussian window of Wang et al. (2004): sigma 1.5, population covariance, per channel.
-* FLIP, mean of the error map for a viewer at 67 pixels per degree.
+* SSIM = mean over pixels and channels of (2 m_x m_y + C1) (2 s_xy + C2) / ((m_x**2 + m_y**2 + C1) (s_x**2 + s_y**2 +
+  C2)), C1 = 0.01**2, C2 = 0.03**2, with means m, variances s**2 and covariance s_xy (of a population, not of a sample)
+  under the Gaussian window of Wang et al. (2004), sigma 1.5.
+* FLIP (Andersson et al. 2020) = mean over pixels of E_c**(1 - E_f): E_c the distance of the two colours, filtered as
+  the eye does, E_f that of edges and points; for a viewer at 67 pixels per degree.
 * LPIPS (:mod:`~autonerf_lab.evaluators.lpips`) needs weights that are not shipped: null without, ``weights_missing``.
-* Per-class accuracy = mean over classes of hits / target pixels; IoU = hits / (target + predicted - hits). Classes are
-  those present in the target images, background included (``miou_objects``: without it).
+* Per-class accuracy = mean over classes of hits / target pixels; mIoU = mean over classes of hits / (target +
+  predicted - hits). Classes are those present in the target images, background included (``miou_objects``: without it).
 * ``depth_median_error_m``: median over all pixels of |rendered - true| depth along the axis.
 """
 

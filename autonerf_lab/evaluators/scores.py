@@ -1,7 +1,7 @@
 """``Scores``: a list of :class:`~autonerf_lab.types.Score` that prints itself beside the paper's figures."""
 
 import html
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,9 @@ from autonerf_lab import storage
 from autonerf_lab.errors import DataError
 from autonerf_lab.types import Score
 
-# Best value of each column on Gibson and the frontier row (tables 1 to 4 of the paper). The paper's semantic map
-# scores are exact, so they stand beside the exact ones here.
-PAPER: dict[tuple[str, str], tuple[float, float]] = {
+# Best value of each column on Gibson and the frontier row (tables 1 to 4 of the paper); of navigation and fine-tuning
+# there is one policy (obs.). The paper's semantic map scores are exact, so they stand beside the exact ones here.
+PAPER: dict[tuple[str, str], tuple[float, float | None]] = {
     ("rendering", "psnr"): (25.56, 19.75),
     ("rendering", "ssim"): (0.846, 0.743),
     ("rendering", "lpips"): (0.203, 0.343),
@@ -33,6 +33,21 @@ PAPER: dict[tuple[str, str], tuple[float, float]] = {
     ("pose_refinement", "convergence_rate"): (23.0, 7.2),
     ("pose_refinement", "rotation_error_deg"): (0.283, 0.383),
     ("pose_refinement", "translation_error_m"): (0.00734, 0.00955),
+    ("navigation", "success"): (78.4, None),
+    ("navigation", "spl"): (67.7, None),
+    ("navigation", "success_true_mesh"): (88.1, None),
+    ("navigation", "spl_true_mesh"): (73.3, None),
+    ("finetuning", "success_pretrained"): (90.2, None),
+    ("finetuning", "spl_pretrained"): (82.9, None),
+    ("finetuning", "success_finetuned"): (92.9, None),
+    ("finetuning", "spl_finetuned"): (86.7, None),
+    ("finetuning", "success_finetuned_true_mesh"): (99.7, None),
+    ("finetuning", "spl_finetuned_true_mesh"): (97.9, None),
+}
+FINETUNED = {
+    "pretrained": "pre-trained",
+    "finetuned": "fine-tuned in the mesh",
+    "finetuned_true_mesh": "fine-tuned in the true scene",
 }
 
 _COLUMNS, _PAPER_COLUMNS = ("task", "metric", "unit", "value"), ("paper best", "paper frontier")
@@ -48,8 +63,12 @@ class Scores(list[Score]):
     """Rows of one evaluation, in the order of the protocol.
 
     ``artifacts`` holds the raw material of the pictures (a dict by task) and ``yardsticks`` other scores to print
-    beside these (``ceiling``, ``nearest_view``); neither is saved with the rows, but ``weights`` is: the SHA-256 of the
-    weights that a metric was computed with, by metric (``lpips``).
+    beside these (``ceiling``, ``nearest_view``); neither is saved with the rows. What is:
+
+    * ``weights``: SHA-256 of the weights that a metric was computed with (``lpips``, the file; ``lpips_backbone`` and
+      ``lpips_heads``, the tensors in it);
+    * ``details``, by task: the test poses (x, y in metres, heading in radians) of ``rendering``, how many episodes of
+      ``planning`` and ``navigation`` ended how, frames, hours and learning rates of ``finetuning``.
 
     Example:
         >>> scores = Scores([Score("rendering", "psnr", 22.5, "dB", n=8)])
@@ -65,6 +84,7 @@ class Scores(list[Score]):
         self.artifacts: dict[str, Any] = dict(artifacts or {})
         self.yardsticks: dict[str, Scores] = {}
         self.weights: dict[str, str] = {}
+        self.details: dict[str, dict[str, Any]] = {}
 
     def __getitem__(self, key: Any) -> Any:
         """A row by position, or a value by ``scores[task, metric]`` (KeyError when there is no such row)."""
@@ -93,19 +113,47 @@ class Scores(list[Score]):
         Args:
             yardsticks: columns beside those of ``self.yardsticks``, such as ``ceiling=Scores``.
         """
-        lines = self._rows(yardsticks)
-        widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-        return "\n".join(" | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in lines)
+        return "\n\n".join(map(_aligned, filter(None, (self._rows(yardsticks), self.practice()))))
 
     def html(self, **yardsticks: Iterable[Score]) -> str:
-        """The same table as HTML; all text is escaped."""
-        header, *body = self._rows(yardsticks)
+        """The same as HTML; all text is escaped."""
+        return "\n".join(map(_html, filter(None, (self._rows(yardsticks), self.practice()))))
 
-        def row(line: tuple[str, ...], tag: str) -> str:
-            return "<tr>" + "".join(f"<{tag}>{html.escape(c)}</{tag}>" for c in line) + "</tr>"
+    def practice(self) -> list[tuple[str, ...]]:
+        """Fine-tuning as a table, header first, a line a policy: what it reached, and what that took.
 
-        head, lines = row(header, "th"), "".join(row(line, "td") for line in body)
-        return f"<table class='scores'><thead>{head}</thead><tbody>{lines}</tbody></table>"
+        Example:
+            >>> scores = Scores([Score("finetuning", "success_finetuned", 92.9, "%")])
+            >>> scores.details["finetuning"] = {"finetuned": {"frames": 10_000_000, "hours": 3.25}}
+            >>> scores.practice()[2]
+            ('fine-tuned in the mesh', '92.9', '–', '10,000,000', '3.25')
+        """
+        rows = {row.metric: row for row in self if row.task == "finetuning"}
+        if not rows:
+            return []
+        lines: list[tuple[str, ...]] = [("fine-tuning", "success %", "SPL %", "frames", "hours")]
+        took = self.details.get("finetuning", {})
+        for stage, label in FINETUNED.items():
+            found = [rows.get(f"{metric}_{stage}") for metric in ("success", "spl")]
+            values = ["–" if row is None else _text(row.value, row.status) for row in found]
+            spent = [f"{took[stage][key]:,}" if stage in took else "–" for key in ("frames", "hours")]
+            lines.append((label, *values, *spent))
+        return lines
+
+    def endings(self, task: str) -> list[tuple[str, ...]]:
+        """How many episodes of ``planning`` or ``navigation`` ended how, as a table, header first.
+
+        Example:
+            >>> scores = Scores()
+            >>> scores.details["planning"] = {"reasons": {"PointGoal": {"no path": 2, "success": 98}}}
+            >>> scores.endings("planning")
+            [('episodes', 'success', 'no path'), ('PointGoal', '98', '2')]
+        """
+        reasons = self.details.get(task, {}).get("reasons", {})
+        found = {name for counts in reasons.values() for name in counts}
+        names = sorted(found, key=lambda name: (name != "success", name))
+        rows = [(label, *(str(counts.get(name, 0)) for name in names)) for label, counts in reasons.items()]
+        return [("episodes", *names), *rows] if rows else []
 
     def _repr_html_(self) -> str:
         return self.html()
@@ -115,13 +163,15 @@ class Scores(list[Score]):
         return pd.DataFrame([asdict(row) for row in self], columns=[f.name for f in fields(Score)])
 
     def save(self, path: str | Path) -> None:
-        """Write ``scores.json`` (rows and ``weights``, not the artifacts).
+        """Write ``scores.json``: rows, ``weights`` and ``details``, not the artifacts.
 
         Raises:
             DataError: the file cannot be written.
         """
         rows = [asdict(row) for row in self]
-        storage.write_json(path, {"version": 1, "scores": rows} | ({"weights": self.weights} if self.weights else {}))
+        beside = {"weights": self.weights, "details": {task: found for task, found in self.details.items() if found}}
+        content = {"version": 1, "scores": rows} | {key: value for key, value in beside.items() if value}
+        storage.write_json(path, content)
 
     @classmethod
     def load(cls, path: str | Path) -> "Scores":
@@ -146,4 +196,23 @@ class Scores(list[Score]):
             raise DataError(f"{path}: 'weights' must name a SHA-256 for each metric; run the evaluation again")
         scores = cls(loaded)
         scores.weights.update(weights)
+        try:
+            scores.details.update(content.get("details", {}))
+            shown = scores.practice() + [row for task in scores.details for row in scores.endings(task)]
+            " ".join(map("".join, shown))
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise DataError(f"{path}: 'details' is damaged ({error!r}); run the evaluation again") from error
         return scores
+
+
+def _aligned(lines: Sequence[Sequence[str]]) -> str:
+    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    return "\n".join(" | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in lines)
+
+
+def _html(lines: Sequence[Sequence[str]]) -> str:
+    def row(line: Sequence[str], tag: str) -> str:
+        return "<tr>" + "".join(f"<{tag}>{html.escape(c)}</{tag}>" for c in line) + "</tr>"
+
+    head, body = row(lines[0], "th"), "".join(row(line, "td") for line in lines[1:])
+    return f"<table class='scores'><thead>{head}</thead><tbody>{body}</tbody></table>"

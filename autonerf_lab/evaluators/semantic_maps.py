@@ -1,15 +1,17 @@
-"""Task 2, semantics: which object class stands in which column ("Metric Map Estimation").
+"""Task 2, semantics: which object class stands in which column (section 4.3, details in the appendix).
 
 **Prediction.** Every point at the rendered depth of a training ray carries the rendered class. Points between 0.10 m
-and 0.88 m are summed in their column, and the class with the largest sum (background included) names it. The rays are
+and 0.88 m are summed in their column, and the class with the largest sum (background included) names it:
+``label(column) = argmax_k |{points of class k in the column}|``. The rays are
 those of a subset of the training views at 64 pixels a side: a million points name the cells of an apartment.
 
 **Truth.** A class is in a column when a visible surface of that class is (:mod:`~autonerf_lab.evaluators.truth`), so a
 column may hold two: a cup and the table under its rim.
 
 **Scores**, for each class in the scene over the cells where the truth is occupied or free, then averaged over these
-classes: accuracy of the binary map; precision and recall, exact and within 5 cm. A class never predicted has
-precision 0.
+classes: accuracy = (TP + TN) / (TP + TN + FP + FN) of the binary map, precision = TP / (TP + FP), recall =
+TP / (TP + FN); and precision and recall within 5 cm, where a cell counts as a hit when the nearest of the other map is
+so near, as in :mod:`~autonerf_lab.evaluators.maps`. A class never predicted has precision 0.
 """
 
 import numpy as np

@@ -22,10 +22,10 @@ from autonerf_lab.evaluators.navigation import evaluate_navigation
 from autonerf_lab.evaluators.planning import evaluate_planning, scene_tasks
 from autonerf_lab.evaluators.pose_refinement import Refinement, evaluate_pose_refinement
 from autonerf_lab.evaluators.rendering import evaluate_rendering, sample_test_poses, simulated_views
-from autonerf_lab.evaluators.result import TaskResult
+from autonerf_lab.evaluators.result import TaskResult, failure
 from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_columns, semantic_scores
 from autonerf_lab.evaluators.truth import TrueMap, true_map
-from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.geometry import Intrinsics, planar_from_pose
 from autonerf_lab.types import Score
 
 if TYPE_CHECKING:
@@ -126,7 +126,9 @@ class Run:
 
     def rendering(self) -> TaskResult:
         poses = sample_test_poses(self.sim, self.preset.test_poses, self.seed)
-        return evaluate_rendering(self.field, simulated_views(self.sim, poses), self.tick, self.lpips)
+        result = evaluate_rendering(self.field, simulated_views(self.sim, poses), self.tick, self.lpips)
+        # the first of them are those of pose refinement
+        return replace(result, details={"test_poses_x_y_heading": [planar_from_pose(c2w) for c2w in poses]})
 
     def maps(self) -> TaskResult:
         values = free_scores(self.states, self.truth) | occupancy_scores(self.states, self.truth)
@@ -157,21 +159,27 @@ class Run:
         return evaluate_navigation(self.surface, self.scene, self.preset.planning_starts, self.seed)
 
     def finetuning(self) -> TaskResult:
-        frames, episodes = self.preset.finetuning_frames, self.preset.finetuning_episodes
-        return finetuning.evaluate_finetuning(self.surface, self.scene, frames, episodes, self.seed, self.keep)
+        size = self.preset
+        rates = {"finetuned": size.finetuning_lr, "finetuned_true_mesh": size.finetuning_lr_true_mesh}
+        frames, episodes = size.finetuning_frames, size.finetuning_episodes
+        return finetuning.evaluate_finetuning(self.surface, self.scene, frames, episodes, self.seed, self.keep, rates)
 
 
-def run_task(run: Run, name: str, artifacts: dict[str, Any]) -> list[Score]:
+def run_task(run: Run, name: str) -> tuple[list[Score], TaskResult]:
+    """The rows of a task, and what it handed back.
+
+    Raises:
+        Exception: memory or the disk is full, see :func:`~autonerf_lab.evaluators.result.failure`.
+    """
     start = time.perf_counter()
     try:
         result: TaskResult = getattr(run, name)()
     except Exception as error:  # a grid of runs must survive one odd field: the row carries the reason
-        text = f"failed: {type(error).__name__}: {error}"
-        result = TaskResult(dict.fromkeys(run.metrics[name]), {}, dict.fromkeys(run.metrics[name], text))
+        names = run.metrics[name]
+        result = TaskResult(dict.fromkeys(names), {}, dict.fromkeys(names, failure(error)))
     seconds = time.perf_counter() - start
-    artifacts[name] = result.artifact
-    where = {"scene": run.scene.name, "preset": run.preset.name, "seed": run.seed}
-    return rows_of(name, run.metrics[name], result, run.field.meta, {"seconds": seconds, **where})
+    where = {"scene": run.scene.name, "preset": run.preset.label, "seed": run.seed}
+    return rows_of(name, run.metrics[name], result, run.field.meta, {"seconds": seconds, **where}), result
 
 
 def rows_of(

@@ -1,4 +1,4 @@
-"""The true map of a scene: occupied, free and semantic columns of 1 cm between 0.10 m and the camera (section 3.3).
+"""The true map of a scene: occupied, free and semantic columns of 1 cm between 0.10 m and the camera (section 4.3).
 
 A column is *occupied* when a surface crosses the band above it and a robot could see that surface, *free* when no
 surface crosses it and it is 4-connected to the floor a robot can stand on. The rest (inside walls and furniture,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 CELL = 0.01  # metres
 BAND = (0.10, CAMERA_HEIGHT)  # metres, the heights a map is about
-MAX_CELLS = 40_000_000  # 4000 m2: more would not fit in memory
+MAX_CELLS = 15_000_000  # 1500 m2: maps and planning together take about 140 bytes a cell, so 2 GB
 
 _POSITIONS = 600
 _RANKS = (0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 80, 100, 128, 160, 181, 220, 255)

@@ -118,9 +118,5 @@ def fused_scores(field: Field, scene: "Scene", preset: Preset, seed: int, walk: 
         seed: of the samples.
         walk: with depth.
     """
-    scores = Scores()
-    scores.extend(
-        replace(row, model="tsdf")
-        for row in run_task(FusedRun(field, scene, preset, seed, walk), "mesh", scores.artifacts)
-    )
-    return scores
+    rows, result = run_task(FusedRun(field, scene, preset, seed, walk), "mesh")
+    return Scores((replace(row, model="tsdf") for row in rows), {"mesh": result.artifact})

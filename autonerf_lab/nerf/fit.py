@@ -1,4 +1,4 @@
-"""Training: a walk or photographs go in, a field comes out (section 3.3: RGB, semantics and poses, no depth)."""
+"""Training: a walk or photographs go in, a field comes out (section 4.2: RGB, semantics and poses, no depth)."""
 
 import hashlib
 import time

@@ -25,6 +25,7 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 
 PIECE = 4096  # rays that are rendered at once
+GRADIENT_PIECE = 1 << 15  # rays whose gradients are found at once: many cameras have few rays each, and share a piece
 
 
 class Field(Protocol):
@@ -142,7 +143,7 @@ class Model:
     def ray_gradients(
         self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Squared error of rays and its gradient, through the frozen field (section 4.3, task 4).
+        """Squared error of rays and its gradient, through the frozen field, in pieces (section 4.3, task 4).
 
         The distances of the samples are held fixed, as they are in training.
 
@@ -154,12 +155,16 @@ class Model:
         Returns:
             error (N,), mean over the channels; gradients (N, 3) for origins and for unit directions.
         """
-        rays, count = _padded(rays_o, rays_d), len(rays_o)
-        samples = self.sampler.sample(rays, _centred(rays))
-        missing = len(rays) - count
-        target = np.concatenate([target, np.repeat(target[-1:], missing, axis=0)]) if missing else target
-        error, d_o, d_d = self.field.ray_gradients(rays, samples, target)
-        return error[:count], d_o[:count], d_d[:count]
+        parts = []
+        for first in range(0, len(rays_o), GRADIENT_PIECE):
+            rays = _padded(rays_o[first : first + GRADIENT_PIECE], rays_d[first : first + GRADIENT_PIECE])
+            wanted = target[first : first + GRADIENT_PIECE]
+            count, missing = len(wanted), len(rays) - len(wanted)
+            wanted = np.concatenate([wanted, np.repeat(wanted[-1:], missing, axis=0)]) if missing else wanted
+            samples = self.sampler.sample(rays, _centred(rays))
+            parts.append([np.copy(a[:count]) for a in self.field.ray_gradients(rays, samples, wanted)])
+        error, d_o, d_d = (np.concatenate(values) for values in zip(*parts, strict=True))
+        return error, d_o, d_d
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,10 @@ from autonerf_lab.types import MapState, Observation, Transition
 
 
 class Reward(Protocol):
-    """Called once a step. The first line of its docstring ends with the unit: ``Newly explored area, square metres.``
+    """Called once a step.
+
+    The first line of its docstring names the unit, after a comma and before a full stop or colon:
+    ``Newly explored area, square metres.``
 
     A reward that remembers something over an episode also has ``reset(rng)``, called when one begins.
     """
@@ -95,7 +98,7 @@ def name_of(reward: object) -> str:
 
 
 def unit_of(reward: Reward) -> str:
-    """The unit that the first line of a docstring ends with, or nothing.
+    """The unit that the first line of a docstring names, after a comma and before a full stop or colon; or nothing.
 
     Example:
         >>> def steps(transition):

@@ -67,7 +67,7 @@ def from_best_to_worst(badness: np.ndarray, count: int) -> np.ndarray:
 
 
 def render_comparison(artifact: dict[str, Any], rows: int = 4) -> Figure:
-    """Truth beside rendering: RGB, FLIP error and semantics, one row a test pose.
+    """Truth beside rendering: RGB, FLIP error and semantics, where there are any, one row a test pose.
 
     Rows are spread over the poses from the best to the worst PSNR, so that the picture shows failures too.
     """
@@ -75,7 +75,9 @@ def render_comparison(artifact: dict[str, Any], rows: int = 4) -> Figure:
         return nothing()
     images = artifact["images"]
     chosen = from_best_to_worst(-artifact["psnr"][: len(images)], rows)
-    titles = ("RGB, true", "rendered", "FLIP error", "semantics, true", "rendered")
+    labels = {"true_semantics": "semantics, true", "semantics": "semantics, rendered"}
+    labels = {key: title for key, title in labels.items() if images[0][key] is not None}
+    titles = ("RGB, true", "rendered", "FLIP error", *labels.values())
     figure = _figure(1.9 * len(titles), 1.95 * len(chosen) + 0.8)
     axes = figure.subplots(len(chosen), len(titles), squeeze=False)
     for line, k in zip(axes, chosen, strict=True):
@@ -83,8 +85,8 @@ def render_comparison(artifact: dict[str, Any], rows: int = 4) -> Figure:
         line[0].imshow(image["true_rgb"])
         line[1].imshow(image["rgb"])
         flip = line[2].imshow(image["flip"], cmap="magma", vmin=0, vmax=1)
-        line[3].imshow(colorize(image["true_semantics"]))
-        line[4].imshow(colorize(image["semantics"]))
+        for ax, key in zip(line[3:], labels, strict=True):
+            ax.imshow(colorize(image[key]))
         line[0].set_ylabel(f"{artifact['psnr'][k]:.1f} dB", fontsize=9)
         for ax in line:
             ax.set_xticks([])
@@ -94,15 +96,14 @@ def render_comparison(artifact: dict[str, Any], rows: int = 4) -> Figure:
     bar = figure.colorbar(flip, ax=axes[:, 2], location="bottom", shrink=0.9, aspect=12, pad=0.02)
     bar.ax.tick_params(labelsize=7)
     bar.set_label("FLIP", fontsize=7)
-    present = np.unique(
-        np.concatenate([np.unique(images[k][s]) for k in chosen for s in ("true_semantics", "semantics")])
-    )
-    _class_legend(figure, present)
+    _class_legend(figure, np.unique([label for k in chosen for key in labels for label in np.unique(images[k][key])]))
     return figure
 
 
 def _class_legend(figure: Figure, classes: np.ndarray, place: Any = "outside lower center", columns: int = 8) -> None:
-    handles = [Patch(facecolor=CLASS_COLORS[k] / 255, edgecolor="#808080", label=CLASS_NAMES[k]) for k in classes]
+    handles = [
+        Patch(facecolor=CLASS_COLORS[k] / 255, edgecolor="#808080", label=CLASS_NAMES[k]) for k in classes.astype(int)
+    ]
     figure.legend(handles=handles, loc=place, ncols=columns, fontsize=7, frameon=False)
 
 
@@ -111,6 +112,8 @@ def confusion(artifact: dict[str, Any]) -> Figure:
     if not artifact:
         return nothing()
     counts = artifact["confusion"]
+    if not counts.any():
+        return nothing("no classes to compare")
     present = np.flatnonzero(counts.sum(axis=1) + counts.sum(axis=0))
     share = counts[np.ix_(present, present)] / np.maximum(counts[present].sum(axis=1, keepdims=True), 1)
     figure = _figure(0.45 * len(present) + 2.4, 0.42 * len(present) + 1.8)
@@ -181,7 +184,12 @@ _REASON_COLORS = {
 
 
 def planned_paths(artifact: dict[str, Any], count: int = 25) -> Figure:
-    """PointGoal and ObjectGoal paths over the true map; a failure is drawn in the colour of its reason."""
+    """PointGoal and ObjectGoal paths over the true map; a failure is drawn in the colour of its reason.
+
+    Args:
+        artifact: of the task ``planning``.
+        count: episodes of each outcome that are drawn, about: what is rare is not lost among what is common.
+    """
     if not artifact:
         return nothing()
     truth, tasks = artifact["truth"], artifact["tasks"]
@@ -195,7 +203,8 @@ def planned_paths(artifact: dict[str, Any], count: int = 25) -> Figure:
     for ax, name in zip(axes, ("points", "objects"), strict=True):
         episodes = artifact[name]
         ax.imshow(ground, origin="lower", extent=_extent(grid), interpolation="nearest")
-        for e in episodes[:: max(1, len(episodes) // count)]:
+        alike = [[e for e in episodes if e.reason == reason] for reason in _REASON_COLORS]
+        for e in (e for group in alike for e in group[:: max(1, len(group) // count)]):
             color = _REASON_COLORS[e.reason]
             start = grid.centers(e.start)
             ax.plot(*start, "o", color=color, markersize=3)
@@ -318,7 +327,7 @@ def _area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 def mesh_view(artifact: dict[str, Any]) -> Figure:
-    """The extracted mesh from above: in colour, by class, and by its distance to the true surface."""
+    """The extracted mesh from above: in colour, by class where it has any, and by its distance to the true surface."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -328,25 +337,25 @@ def mesh_view(artifact: dict[str, Any]) -> Figure:
         return nothing()
     mesh = artifact["mesh"]
     classes = mesh.vertex_attributes.get("semantics")
-    if not len(mesh.faces) or classes is None:
+    if not len(mesh.faces):
         return nothing("no mesh was extracted")
     _, nearest = cKDTree(artifact["points"]).query(mesh.vertices)
     scale = Normalize(0, 100 * artifact["limit"])
     distance = colormaps["viridis"](scale(100 * artifact["distance"][nearest]))[:, :3]
-    pictures = (
-        ("colour", bird_view(mesh)),
-        ("classes", bird_view(mesh, colorize(np.asarray(classes).astype(int)))),
-        ("distance to the true surface", bird_view(mesh, (255 * distance).astype(np.uint8))),
-    )
+    pictures = [("colour", bird_view(mesh))]
+    if classes is not None:
+        pictures.append(("classes", bird_view(mesh, colorize(np.asarray(classes).astype(int)))))
+    pictures.append(("distance to the true surface", bird_view(mesh, (255 * distance).astype(np.uint8))))
     height = pictures[0][1].shape[0] / pictures[0][1].shape[1]
-    figure = _figure(16, 5.2 * height + 0.7)
-    axes = figure.subplots(1, 3)
+    figure = _figure(5.3 * len(pictures), 5.2 * height + 0.7)
+    axes = figure.subplots(1, len(pictures))
     for ax, (title, picture) in zip(axes, pictures, strict=True):
         ax.imshow(picture)
         ax.set_title(title, fontsize=10)
         ax.axis("off")
-    figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes[2], label="cm", shrink=0.8)
-    _class_legend(figure, np.unique(classes))
+    figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes[-1], label="cm", shrink=0.8)
+    if classes is not None:
+        _class_legend(figure, np.unique(classes))
     return figure
 
 

@@ -5,14 +5,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from autonerf_lab.viz.figures import BLUE, GREEN, ORANGE
+from autonerf_lab.evaluators.scores import FINETUNED
+from autonerf_lab.viz.figures import BLUE, GREEN, ORANGE, nothing
 from autonerf_lab.viz.training_figures import SMOOTH, running_mean
 
-_STAGES = {
-    "pretrained": ("pre-trained", BLUE),
-    "finetuned": ("fine-tuned in the mesh", ORANGE),
-    "finetuned_true_mesh": ("fine-tuned in the true scene", GREEN),
-}
+_COLORS = dict(zip(FINETUNED, (BLUE, ORANGE, GREEN), strict=True))
 
 
 def practice(artifact: dict[str, Any]) -> Figure:
@@ -27,10 +24,12 @@ def practice(artifact: dict[str, Any]) -> Figure:
         >>> [ax.get_title() for ax in practice({"pretrained": stage, "finetuned": stage}).axes]
         ['while practising', 'in the true scene']
     """
+    if not artifact:
+        return nothing("nobody practised in this mesh")
     figure = Figure(figsize=(11, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    stages = {name: look for name, look in _STAGES.items() if name in artifact}
-    for k, (stage, (label, color)) in enumerate(stages.items()):
+    for k, stage in enumerate(stage for stage in FINETUNED if stage in artifact):
+        label, color = FINETUNED[stage], _COLORS[stage]
         curve = artifact[stage]["curve"]
         if stage != "pretrained" and curve:
             frames, success = (np.array([row[name] for row in curve]) for name in ("frames", "success"))

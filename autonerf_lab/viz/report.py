@@ -14,7 +14,7 @@ from PIL import Image
 
 from autonerf_lab import __version__, storage
 from autonerf_lab.errors import DataError
-from autonerf_lab.evaluators.scores import PAPER, Scores
+from autonerf_lab.evaluators.scores import FINETUNED, PAPER, Scores
 from autonerf_lab.pictures import data_url
 from autonerf_lab.run_folder import STAGES, RunFolder
 from autonerf_lab.types import Score
@@ -34,6 +34,7 @@ class Section:
     text: str
     figures: tuple[dict[str, Any], ...] = ()
     files: tuple[str, ...] = ()
+    table: tuple[tuple[str, ...], ...] = ()  # header first
 
 
 SECTIONS: tuple[Section, ...] = (
@@ -74,6 +75,18 @@ SECTIONS: tuple[Section, ...] = (
         "back to where the target image was taken.",
     ),
     Section("mesh", "The mesh", "The field's surface as triangles, with its colours and its classes."),
+    Section(
+        "navigation",
+        "Walks in the mesh",
+        "The mesh as a place to walk in, step by step: the same episodes as in the true scene, with a map that is made "
+        "on the way.",
+    ),
+    Section(
+        "finetuning",
+        "Practice in the mesh",
+        "A policy that goes to a place by depth alone practises in the mesh, and, as a bound, in the true scene. All "
+        "are judged in the true scene.",
+    ),
 )
 
 # label, unit of display, better when, decimals
@@ -116,11 +129,16 @@ METRICS: dict[tuple[str, str], tuple[str, str, str, int]] = {
     ("navigation", "spl"): ("SPL in the mesh", "%", "↑", 1),
     ("navigation", "success_true_mesh"): ("Success in the true scene", "%", "↑", 1),
     ("navigation", "spl_true_mesh"): ("SPL in the true scene", "%", "↑", 1),
+    **{
+        ("finetuning", f"{metric}_{stage}"): (f"{title}, {label}", "%", "↑", 1)
+        for stage, label in FINETUNED.items()
+        for metric, title in (("success", "Success"), ("spl", "SPL"))
+    },
     ("exploration", "explored_area_m2"): ("Explored area", "m²", "↑", 1),
     ("exploration", "collisions"): ("Collisions", "", "↓", 0),
     ("exploration", "path_length_m"): ("Path length", "m", "", 1),
 }
-TITLES = {"pose_refinement": "Pose refinement", "maps": "Maps"}
+TITLES = {"pose_refinement": "Pose refinement", "navigation": "Navigation in the mesh", "finetuning": "Fine-tuning"}
 HEADLINES = (
     ("rendering", "psnr"),
     ("rendering", "per_class_accuracy"),
@@ -163,7 +181,7 @@ def render(run: RunFolder) -> str:
     return template.render(
         config=config,
         facts=[*facts.items(), ("Seed", config.seed)],
-        sections=_sections(run),
+        sections=_sections(run, scores),
         tiles=_tiles(scores),
         table=score_table(scores, others),
         statuses={row.status for rows in (scores, *others.values()) for row in rows},
@@ -253,14 +271,16 @@ def _cost(run: RunFolder) -> list[dict[str, str]]:
     ]
 
 
-def _sections(run: RunFolder) -> list[Section]:
+def _sections(run: RunFolder, scores: Scores) -> list[Section]:
     pictures = [picture for stage in STAGES for picture in read_gallery(run / "figures", stage)]
     sections = []
     for section in SECTIONS:
         figures = tuple(_embed(run / "figures", p) for p in pictures if p.section == section.key)
-        names = sorted(p.name for p in (run / "mesh").glob("*.glb")) if section.key == "mesh" else []
+        names = sorted(p.name for p in (run / "mesh").glob("*.[gp]l[by]")) if section.key == "mesh" else []
+        table = tuple(scores.practice() if section.key == "finetuning" else scores.endings(section.key))
         if figures:
-            sections.append(replace(section, figures=figures, files=tuple(f"mesh/{name}" for name in names)))
+            files = tuple(f"mesh/{name}" for name in names)
+            sections.append(replace(section, figures=figures, files=files, table=table))
     return sections
 
 

@@ -1,9 +1,10 @@
 """The pictures that a run keeps for its report, with the words that go with them."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autonerf_lab.viz import figures, geometry_figures, story
+from autonerf_lab.viz import figures, finetuning_figures, geometry_figures, navigation_figures, story
 from autonerf_lab.viz.gallery import Gallery
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def draw_walk(folder: Path, scene: "Scene", trajectory: "Trajectory") -> None:
 
 
 def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[str, Any]) -> None:
-    """Pictures of the stage ``evaluate``.
+    """Pictures of the stage ``evaluate``. One that cannot be drawn says why in its place: the scores are what counts.
 
     Args:
         folder: of the pictures.
@@ -64,7 +65,7 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
     gallery.add(
         "rendering",
         "comparison",
-        figures.render_comparison(artifacts["rendering"]),
+        _drawn(figures.render_comparison, artifacts["rendering"]),
         title="Truth and rendering",
         caption="One row a test pose, from the best to the worst. FLIP is an error as the eye sees it.",
         alt="A grid of images: true and rendered colours and classes from four poses, with maps of the FLIP error",
@@ -72,7 +73,7 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
     gallery.add(
         "rendering",
         "confusion",
-        figures.confusion(artifacts["rendering"]),
+        _drawn(figures.confusion, artifacts["rendering"]),
         title="Which class became which",
         caption="Of the pixels that truly are of the class of a row, how many were rendered as each class.",
         alt="Confusion matrix of the rendered classes",
@@ -80,7 +81,7 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
     gallery.add(
         "geometry",
         "depth",
-        geometry_figures.depth_errors(artifacts["rendering"]),
+        _drawn(geometry_figures.depth_errors, artifacts["rendering"]),
         title="How far away the field believes things to be",
         caption="One row a test pose, from the smallest to the largest median error. Red is too near, blue too far, "
         "white is right; the colours end at 50 cm.",
@@ -90,7 +91,7 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
     gallery.add(
         "geometry",
         "sections",
-        geometry_figures.density_sections(field, scene),
+        _drawn(geometry_figures.density_sections, field, scene),
         title="The density, cut open",
         caption="Bright is where the field is opaque, blue lines are where the surfaces truly are. The white mark on "
         "the colour bar is the density from which the maps call a place occupied. Striped space was seen from "
@@ -101,7 +102,7 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
     gallery.add(
         "maps",
         "overlay",
-        figures.map_overlay(artifacts["maps"]),
+        _drawn(figures.map_overlay, artifacts["maps"]),
         title="Predicted and true maps",
         caption="Left, every cell that counts: found, missed, imagined, or never seen. Right, where the objects are.",
         alt="Three floor plans: agreement of the predicted occupancy with the truth, true classes, predicted classes",
@@ -109,13 +110,13 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
     gallery.add(
         "planning",
         "paths",
-        figures.planned_paths(artifacts["planning"]),
+        _drawn(figures.planned_paths, artifacts["planning"]),
         title="Planned paths on the true map",
         caption="Green paths succeed. The colour of a failure is its reason.",
         alt="Two floor plans with planned paths: to points on the left, to objects on the right",
     )
-    frames = story.refinement_frames(field, artifacts["pose_refinement"])
-    if frames:
+    frames = _drawn(story.refinement_frames, field, artifacts["pose_refinement"])
+    if frames:  # a task that failed has none
         gallery.add(
             "pose_refinement",
             "animation",
@@ -128,7 +129,7 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
     gallery.add(
         "pose_refinement",
         "traces",
-        figures.refinement_trace(artifacts["pose_refinement"]),
+        _drawn(figures.refinement_trace, artifacts["pose_refinement"]),
         title="All cameras",
         caption="Each line is a camera. On the right, three of them before and after.",
         alt="Error curves of all refined cameras, and difference images before and after for three of them",
@@ -136,9 +137,36 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
     gallery.add(
         "mesh",
         "views",
-        figures.mesh_view(artifacts["mesh"]),
+        _drawn(figures.mesh_view, artifacts["mesh"]),
         title="The mesh, cut open",
         caption="In the colours of the field, by class, and by its distance to the true surface.",
-        alt="Three slanted views into the reconstructed apartment: coloured, by class, and by distance to the truth",
+        alt="Slanted views into the reconstructed apartment: coloured, by class, and by distance to the truth",
     )
+    if "navigation" in artifacts:
+        gallery.add(
+            "navigation",
+            "walks",
+            _drawn(navigation_figures.walked_paths, artifacts["navigation"]),
+            title="The same episodes in both places",
+            caption="A robot makes its map as it walks. The colour of a failure is its reason; it does not fit where "
+            "the ground is grey.",
+            alt="Two floor plans with walked paths: in the reconstructed mesh, and in the true scene",
+        )
+    if "finetuning" in artifacts:
+        gallery.add(
+            "finetuning",
+            "practice",
+            _drawn(finetuning_figures.practice, artifacts["finetuning"]),
+            title="Practice, and what it was good for",
+            caption="Left, how often the policy arrived while it practised, each in its own place. Right, all of them "
+            "in the true scene.",
+            alt="Curves of success over frames of practice, and bars of success and SPL in the true scene",
+        )
     gallery.close()
+
+
+def _drawn(draw: Callable[..., Any], *args: Any) -> Any:
+    try:
+        return draw(*args)
+    except Exception as error:
+        return figures.nothing(f"this picture could not be drawn: {type(error).__name__}: {error}")

@@ -55,7 +55,7 @@ class UpstreamRun(Run):
         tasks = scene_tasks(self.truth, self.preset.planning_starts, self.seed)
         free = grow(~self.occupied, planning.DILATION, 1.0)
         points = planning.plan_points(free, tasks, self.truth.grid.cell)
-        return planning_scores(points, planning.plan_objects(free, self.columns, self.truth, tasks))
+        return planning_scores(points, planning.plan_objects(free, self.columns, self.truth, tasks), self.truth)
 
     def pose_refinement(self) -> TaskResult:
         """Task 4."""

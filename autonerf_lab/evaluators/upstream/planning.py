@@ -81,7 +81,8 @@ def plan_objects(free: np.ndarray, columns: np.ndarray, truth: TrueMap, tasks: T
         distance = travel_distance(free | goal, goal, cell) if goal.any() else None
         tree = cKDTree(np.argwhere(truth.semantics[k - 1]))
         episodes = []
-        for i, start in enumerate(tasks.starts):
+        for i in np.flatnonzero(tasks.shortest_object[k] > 0).tolist():
+            start = tasks.starts[i]
             path = None if distance is None else _out_of_square(distance, start, cell)
             reason, length = _judged(path, tasks, lambda end: float(tree.query(end)[0] * cell), cell)
             reason = "class not predicted" if distance is None else reason
