@@ -196,6 +196,15 @@ def test_a_moved_mesh_is_as_far_as_it_was_moved():
     assert values["completion_ratio"] > 99.5 and values["normal_consistency"] > 0.97
 
 
+def test_a_mesh_of_more_triangles_than_samples_is_not_farther_away():
+    scene = toy_scene.two_rooms()
+    vertices, faces = trimesh.remesh.subdivide_to_size(scene.vertices.astype(float), scene.faces, 0.1)
+    fine = trimesh.Trimesh(vertices, faces, process=False)
+    samples = len(fine.faces) // 20
+    values = evaluate_mesh(fine, TrueField(scene, views=1), scene, samples=samples).values
+    assert values["completion_m_all"] < 1e-3 and values["accuracy_m"] < 1e-3
+
+
 def test_all_tasks_of_the_true_geometry():
     scores = ceiling(toy_scene.two_rooms(), "smoke")
     assert [(s.task, s.metric) for s in scores] == [(t, m) for t, metrics in METRICS.items() for m in metrics]
