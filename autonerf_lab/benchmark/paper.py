@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from autonerf_lab.evaluators.scores import PAPER
+
 Key = tuple[str, str]  # task, metric
 
 POLICY_NAMES = {
@@ -162,8 +164,7 @@ _TABLES = (
         21.1 .316 7.69""",
         _POLICIES,
     ),
-    _table(NAVIGATION, "78.4 67.7 88.1 73.3", ("modular-obs",)),
-    _table(FINETUNING, "90.2 82.9 92.9 86.7 99.7 97.9", ("modular-obs",)),
+    {"modular-obs": {column.key: PAPER[column.key][0] for column in (*NAVIGATION, *FINETUNING)}},  # of one policy only
 )
 BY_POLICY: dict[str, dict[Key, float]] = {
     policy: {key: value for table in _TABLES for key, value in table.get(policy, {}).items()} for policy in _POLICIES

@@ -95,7 +95,7 @@ def evaluate(
         train, held_out = lab.load_dataset("photographs").split()
         print(lab.evaluate(lab.fit(train), held_out, trajectory=train).table())
     """
-    lpips = Lpips(lpips_weights) if isinstance(lpips_weights, str | Path) else lpips_weights
+    lpips = _read(lpips_weights)
     if isinstance(scene, Dataset):
         if tasks is not None:
             raise DataError("photographs hold no truth for tasks: leave tasks out, or give the scene")
@@ -131,7 +131,7 @@ def ceiling(
         >>> ceiling(load_scene("val-0"), "smoke", tasks=["rendering"])["rendering", "miou"]
         100.0
     """
-    lpips = Lpips(lpips_weights) if isinstance(lpips_weights, str | Path) else lpips_weights
+    lpips = _read(lpips_weights)
     return _of_truth(scene, get_preset(preset), seed, tasks, False, lpips)
 
 
@@ -195,6 +195,10 @@ def _score(
             if name not in steps:
                 bar.update()
     return scores
+
+
+def _read(weights: "str | Path | Lpips | None") -> Lpips | None:
+    return Lpips(weights) if isinstance(weights, str | Path) else weights
 
 
 def _weights(lpips: Lpips | None) -> dict[str, str]:
