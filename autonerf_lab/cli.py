@@ -61,7 +61,7 @@ class Demo:
 
         pipeline.begin(
             self.out, self.scene, self.policy, self.preset, self.seed, self.model,
-            overwrite=self.overwrite, lpips=self.lpips.load(),
+            overwrite=self.overwrite, options=pipeline.Options(self.lpips.load()),
         )  # fmt: skip
         print(f"\n{pipeline.summary(self.out)}\n\nreport: {self.out / 'report.html'}")
 

@@ -151,18 +151,13 @@ def begin(
     model: str | None = None,
     last: str = "report",
     overwrite: bool = False,
-    lpips: "Lpips | None" = None,
-    yardsticks: bool = True,
-    optional: Sequence[str] = (),
+    options: Options | None = None,
 ) -> None:
     """Run the stages up to ``last`` in the folder ``out``; go on there if the same run was interrupted.
-
-    For ``lpips``, ``yardsticks`` and ``optional`` see :class:`Options`.
 
     Raises:
         AutoNerfError: a name is unknown, the folder holds something else, or a stage failed.
     """
-    options = Options(lpips, yardsticks=yardsticks, optional=optional)
     check_names(policy, model, options)
     chosen = preset(preset_name).name
     started = time.perf_counter()

@@ -151,8 +151,8 @@ def test_a_cell_is_given_the_weights_of_lpips(tmp_path, monkeypatch):
     from autonerf_lab import pipeline
     from autonerf_lab.benchmark import cell as cell_module
 
-    def begin(*arguments, lpips, **options):
-        raise ValueError(f"begun with {lpips}")
+    def begin(*arguments, options):
+        raise ValueError(f"begun with {options.lpips}")
 
     monkeypatch.setattr(pipeline, "begin", begin)
     monkeypatch.setattr(cell_module, "Lpips", lambda file, sha256: f"{sha256} of {file}")

@@ -70,9 +70,10 @@ def _attempt(cell: Cell, results: Results, keep: bool, lpips: str | None) -> Out
 
 def _run(cell: Cell, results: Results, folder: Path, lpips: str | None) -> Outcome:
     if not ((folder / "run.json").exists() and load_run(folder).finished("evaluate")):
+        weights = None if lpips is None else Lpips(lpips, results.lpips)
+        options = pipeline.Options(weights, yardsticks=False, optional=cell.optional)
         pipeline.begin(
-            folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate",
-            lpips=None if lpips is None else Lpips(lpips, results.lpips), yardsticks=False, optional=cell.optional,
+            folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate", options=options
         )  # fmt: skip
     run = load_run(folder)
     started = time.perf_counter()
