@@ -20,6 +20,7 @@ from autonerf_lab.evaluators import (
     extract_mesh,
     semantic_mesh,
 )
+from autonerf_lab.evaluators.mesh import SURFACE_OPACITY
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh, nearest_on, sample_surface
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.frame import FieldFrame
@@ -35,9 +36,9 @@ class Ball:
     frame, classes = FieldFrame(), 16
 
     def density(self, points):
-        # 10 cm are half opaque on the sphere itself, which is what the threshold cuts
-        distance = np.linalg.norm(points, axis=1) - 0.6
-        return np.maximum(0, 6.93147 - 200 * distance).astype(np.float32)
+        # The opacity of 10 cm rises evenly through the threshold, on the sphere itself: there smoothing changes nothing
+        opacity = np.clip(SURFACE_OPACITY - 4 * (np.linalg.norm(points, axis=1) - 0.6), 0, 0.999)
+        return (-10 * np.log(1 - opacity)).astype(np.float32)
 
     def seen(self, points):
         return np.ones(len(points), bool)
@@ -86,6 +87,21 @@ def test_only_what_was_seen_is_kept():
     assert mesh.vertices[:, 0].max() <= 1e-6 and not mesh.is_watertight
     # No wall is drawn where sight ends: every vertex lies on the sphere
     assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 0.6).max() < 0.01
+
+
+def test_a_surface_has_no_holes_where_sight_ends_at_it():
+    class Outside(Ball):
+        def seen(self, points):
+            return np.linalg.norm(points, axis=1) >= 0.59
+
+    class Inside(Ball):
+        def seen(self, points):
+            return np.linalg.norm(points, axis=1) <= 0.55
+
+    assert extract_mesh(Outside(), voxel=0.04, bounds=BOUNDS).is_watertight
+    assert not len(extract_mesh(Inside(), voxel=0.04, bounds=BOUNDS).faces), (
+        "the far side of what is solid is no surface"
+    )
 
 
 def test_crumbs_are_dropped():

@@ -1,9 +1,10 @@
 """Task 5, extraction: a triangle mesh out of the density, by marching cubes ("Mesh generation" of the appendix).
 
-The opacity of a 10 cm step, ``alpha = 1 - exp(-0.10 sigma)``, is sampled on a grid and cut at one half. Only
-cubes whose eight corners were seen from the training views are kept: behind a surface nothing constrains the density.
-The mesh is open, as a scan is. The grid is worked through in blocks, cut along x and y, that share one plane of samples
-with their neighbours and are welded afterwards: what grows with the resolution is the mesh, not the grid.
+The opacity of a 10 cm step, ``alpha = 1 - exp(-0.10 sigma)``, is sampled on a grid, smoothed and cut. Only cubes whose
+free corners were seen from the training views are kept: behind a surface nothing constrains the density, and where it
+ends there is no second surface. The mesh is open, as a scan is. The grid is worked through in blocks, cut along x and
+y, that share one plane of samples with their neighbours and are welded afterwards: what grows with the resolution is
+the mesh, not the grid.
 """
 
 import math
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import sparse
+from scipy import ndimage, sparse
 from skimage.measure import marching_cubes
 
 from autonerf_lab import storage
@@ -27,14 +28,18 @@ from autonerf_lab.evaluators.semantic_maps import point_cloud
 if TYPE_CHECKING:
     import trimesh
 
-# The level set of the surface. Maps ask for more, because a map must not close a door; a mesh should not have holes.
-SURFACE_OPACITY = 0.5
+# The level set of the surface: lower, it stands before the walls, on what floats there; higher, it has holes. Maps ask
+# for more, because a map must not close a door.
+SURFACE_OPACITY = 0.6
 MIN_TRIANGLES = 100  # smaller pieces are noise
 MAX_TRIANGLES = 1 << 25  # about 4 GB while they are welded
 _BLOCK_NODES = 1 << 21
 _BOUNDS_RAYS = 100_000
 _MARGIN = 0.10  # metres
 _CHUNK = 1 << 18
+_BINOMIAL = np.array([0.25, 0.5, 0.25], dtype=np.float32)
+_HALO = 2  # nodes around a block on which its own depend: a neighbour, and what decides whether that one is sampled
+_INNER = (slice(_HALO, -_HALO),) * 3
 # glTF is y-up: a quarter turn about x
 _Z_UP_TO_Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
 
@@ -118,27 +123,37 @@ def _blocks(size: list[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 def _block(
     field: Field, low: np.ndarray, voxel: float, first: np.ndarray, last: np.ndarray, threshold: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    axes = [np.arange(*ends) for ends in zip(first, last, strict=True)]
+    axes = [np.arange(first - _HALO, last + _HALO) for first, last in zip(first, last, strict=True)]
     shape = tuple(len(axis) for axis in axes)
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     points = field.frame.leave((low + nodes * voxel).astype(np.float32))
-    seen = np.concatenate([field.seen(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)])
-    alpha = np.zeros(len(points), dtype=np.float32)
-    index = np.flatnonzero(seen)
+    seen = np.concatenate([field.seen(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)]).reshape(shape)
+    sampled = ndimage.binary_dilation(seen, np.ones((3, 3, 3), dtype=bool))  # rays end just inside of a surface
+    alpha = np.zeros(shape, dtype=np.float32)
+    index = np.flatnonzero(sampled)
     for i in range(0, len(index), _CHUNK):
         part = index[i : i + _CHUNK]
-        alpha[part] = opacity(field.density(points[part]) * np.float32(field.frame.unit))
-    alpha, seen = alpha.reshape(shape), seen.reshape(shape)
+        alpha.flat[part] = opacity(field.density(points[part]) * np.float32(field.frame.unit))
+    alpha, seen, shape = _smooth(alpha, sampled)[_INNER], seen[_INNER], tuple(s - 2 * _HALO for s in shape)
     if not alpha.min() < threshold < alpha.max():
         return None
     # In scikit-image's left-handed index space "ascent" is what makes triangles face the free side of the world
     vertices, faces, _, _ = marching_cubes(alpha, threshold, gradient_direction="ascent")
     known = np.ones(tuple(s - 1 for s in shape), dtype=bool)
+    vouched = seen | (alpha > threshold)
     for corner in np.ndindex(2, 2, 2):
-        known &= seen[tuple(slice(c, s - 1 + c) for c, s in zip(corner, shape, strict=True))]
+        known &= vouched[tuple(slice(c, s - 1 + c) for c, s in zip(corner, shape, strict=True))]
     cube = np.floor(vertices[faces].mean(axis=1)).astype(np.int64)
     faces = faces[known[tuple(np.minimum(cube, np.array(shape) - 2).T)]]
     return low + (vertices + first) * voxel, faces
+
+
+def _smooth(alpha: np.ndarray, sampled: np.ndarray) -> np.ndarray:
+    """Mean over a node and its neighbours, the binomial low-pass of marching cubes: finer detail is noise in a mesh."""
+    weight = sampled.astype(np.float32)
+    for axis in range(3):
+        alpha, weight = (ndimage.convolve1d(a, _BINOMIAL, axis, mode="constant") for a in (alpha, weight))
+    return np.where(sampled, alpha / np.maximum(weight, 1e-6), 0.0)
 
 
 def large_pieces(faces: np.ndarray, count: int, minimum: int) -> np.ndarray:
