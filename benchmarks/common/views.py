@@ -29,13 +29,18 @@ def write_views(name: str, folder: Path, train: int, test: int) -> dict[str, flo
     scene = scene_by_name(name)
     sim = Simulator(scene)
     for part, count, seed in (("train", train, TRAIN_SEED), ("test", test, TEST_SEED)):
-        poses = sample_test_poses(sim, count, seed)
-        frames = [sim.render(c2w) for c2w in poses]
-        rgb, depth, semantics = (np.stack([getattr(f, key) for f in frames]) for key in ("rgb", "depth", "semantics"))
-        Trajectory(poses, rgb, depth, semantics, sim.intrinsics, {"scene": name}).save(folder / part)
+        photographs(sim, count, seed).save(folder / part)
     known, asked = read_views(folder)
     scores = evaluate_rendering(NearestView(known), photographed_views(Dataset.of(asked))).values
     return {"area_m2": floor_area(scene.spec), **scores}
+
+
+def photographs(sim: Simulator, count: int, seed: int) -> Trajectory:
+    """Images from everywhere, as if somebody had carried the robot there."""
+    poses = sample_test_poses(sim, count, seed)
+    frames = [sim.render(c2w) for c2w in poses]
+    rgb, depth, semantics = (np.stack([getattr(f, key) for f in frames]) for key in ("rgb", "depth", "semantics"))
+    return Trajectory(poses, rgb, depth, semantics, sim.intrinsics, {"scene": sim.scene.name})
 
 
 def read_views(folder: Path, count: int | None = None, depth: bool = False) -> tuple[Trajectory, Trajectory]:
