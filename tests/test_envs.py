@@ -261,6 +261,18 @@ def test_a_waypoint_that_is_reached_makes_way_for_the_next(scene):
     assert env.observation.step < 9 + 8 * 12
 
 
+def test_a_place_is_tried_where_one_decision_leads_there():
+    view, map = CompactView(), empty_map(planar_pose(0, 0, 0))
+    map.explored[:] = True
+    for x in (5.25, 1.25):  # metres ahead
+        view.waypoint(16 * view.GRID + 16 + round(x * 2 - 0.5), map)
+    row = view.see(map)["reach"][5, 16]
+    assert row[16 + 2] == pytest.approx(np.log(2)) and row[16 + 3] == pytest.approx(np.log1p(np.exp(-0.5)))
+    assert row[16 + 8 :].max() < 1e-6, "it is far, and only on the way"
+    view.reset()
+    assert not view.see(map)["reach"][5].any()
+
+
 def follow_shortest(env: PointGoalEnv) -> tuple[float, dict, bool]:
     """Turn towards the goal of an empty room, walk, stop."""
     total, info, over = 0.0, {}, False

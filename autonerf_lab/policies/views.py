@@ -12,7 +12,14 @@ from gymnasium import spaces
 from numba import njit
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.geometry import AGENT_RADIUS, block_shares, cell_to_world, planar_from_pose, world_to_cell
+from autonerf_lab.geometry import (
+    AGENT_RADIUS,
+    FORWARD_STEP,
+    block_shares,
+    cell_to_world,
+    planar_from_pose,
+    world_to_cell,
+)
 from autonerf_lab.mapping.semantic_map import VIEWPOINT_BINS
 from autonerf_lab.planning.dilation import dilate
 from autonerf_lab.planning.fast_marching import travel_distance
@@ -104,8 +111,8 @@ class CompactView:
     0. whether there is one; 1. the way there, 10 m;
     2. to 4. by :func:`~autonerf_lab.policies.gain.outlook` what could be seen from it, 10 m²: unseen ground, ground
        from new directions, obstacles from new directions;
-    5. log(1 + how often it, or a place near it, was chosen): what was tried and still promises much is a gap in the
-       map.
+    5. log(1 + how often it, or a place near it, was chosen from so near that one decision leads there): what was tried
+       and still promises much is a gap in the map, and a place that is far is chosen again and again on the way.
 
     Action: the block, row times 32 plus column.
 
@@ -179,13 +186,16 @@ class CompactView:
         }
 
     def waypoint(self, action: int, map: MapState) -> np.ndarray:
-        """The place of a block, or the middle of the block where there is none; it is remembered as chosen."""
+        """The place of a block, or the middle of the block where there is none; if near, it is remembered as chosen."""
         row, col = divmod(int(action), self.GRID)
-        place = self._places(self._known(map))[0][row, col]
+        places, distance = self._places(self._known(map))
+        place = places[row, col]
         if place[0] < 0:
             place = np.array([row, col]) * self.BLOCK + self.BLOCK // 2
-        self._chosen.append(self._points(place, map))
-        return self._chosen[-1]
+        point = self._points(place, map)
+        if distance[tuple(place)] <= self.follow * FORWARD_STEP:
+            self._chosen.append(point)
+        return point
 
     def action(self, point: np.ndarray, map: MapState) -> int | None:
         """The block whose place is nearest to the point, within half a metre."""
