@@ -273,6 +273,19 @@ def test_a_place_is_tried_where_one_decision_leads_there():
     assert not view.see(map)["reach"][5].any()
 
 
+@pytest.mark.parametrize("shift", range(4))  # of the fine cells against the coarse ones
+@pytest.mark.parametrize(("gap", "fits"), [(0.25, False), (0.5, True)])
+def test_places_behind_a_gap_are_there_if_the_robot_fits_through(shift, gap, fits):
+    map = empty_map(planar_pose(0, 0, 0))
+    middle, width = 240 + shift, round(gap / map.cell)
+    map.explored[:] = True
+    map.occupied[:, 280 + shift] = True  # a wall two metres ahead
+    map.occupied[middle : middle + width, 280 + shift] = False
+    reach = CompactView().see(map)["reach"]
+    assert reach[0, 16, 18], "in front of it"
+    assert bool(reach[0, 16, 24]) == fits
+
+
 def follow_shortest(env: PointGoalEnv) -> tuple[float, dict, bool]:
     """Turn towards the goal of an empty room, walk, stop."""
     total, info, over = 0.0, {}, False

@@ -13,7 +13,6 @@ from numba import njit
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.geometry import (
-    AGENT_RADIUS,
     FORWARD_STEP,
     block_shares,
     cell_to_world,
@@ -138,6 +137,7 @@ class CompactView:
     GRID = SIDE // BLOCK
     CHANNELS = 3 + NUM_CLASSES
     REACH = 6  # channels of what is known about a place
+    CLEAR = 1.5  # cells around an obstacle where the body does not fit: more, and gaps of half a metre would be closed
     BEYOND = 15  # cells into the unknown
     NEAR = 0.5  # metres between places that are tried together
     ACROSS = 0.5  # metres from a point to the place that stands for it
@@ -226,7 +226,7 @@ class CompactView:
         """(GRID, GRID, 2) cell of each block's place, -1 without one, and the way to every cell, metres."""
         occupied, explored, visited = known
         middle = self.SIDE // 2
-        clear = ~dilate(occupied, round(AGENT_RADIUS / self.cell) + 0.3)
+        clear = ~dilate(occupied, self.CLEAR)
         free = (explored & clear) | visited
         free[middle - 1 : middle + 2, middle - 1 : middle + 2] = True
         free |= travel_distance(free | (~explored & clear), free) <= self.BEYOND

@@ -24,7 +24,6 @@ from autonerf_lab.rewards import Reward
 from autonerf_lab.training.settings import PolicySettings
 
 EPOCHS, BATCH, LR = 4, 64, 3e-3
-WALK = 1500  # steps
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def demonstrate(view: View, settings: PolicySettings, reward: str | Reward, prog
         reward=reward,
         size=settings.sensor,
         rgb=False,
-        max_steps=min(WALK, settings.episode * view.follow),
+        max_steps=settings.episode * view.follow,
         window=round(WINDOW_METRES / view.cell),
     )
     seen: list[dict[str, Any]] = []

@@ -57,10 +57,8 @@ class PolicySettings:
     seed: int = 0
     demonstrations: int = 80  # episodes with a teacher before PPO: frontier exploration, or who knows the shortest way
     environments: int = 16  # divided among the workers
-    # Decisions; 220 waypoints are a walk of 1500 steps. Who has trained on the first halves of walks does not leave a
-    # room that he knows for one far away.
-    episode: int = 220
-    rollout: int = 220  # decisions of every environment between two updates: whole episodes, or all see the same phase
+    episode: int = 100  # decisions
+    rollout: int = 100  # decisions of every environment between two updates: whole episodes, or all see the same phase
     epochs: int = 4
     batch: int = 200
     lr: float = 3e-4  # falls linearly to zero
