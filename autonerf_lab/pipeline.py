@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from autonerf_lab import storage
 from autonerf_lab.config import Preset, preset
 from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
-from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.machine import peak_gb
 from autonerf_lab.run_folder import STAGES, RunConfig, RunFolder, load_run, locked, open_run
 
@@ -279,7 +278,7 @@ def _explore(work: Workspace) -> None:
     from autonerf_lab.viz.run_pictures import draw_walk
 
     config, size = work.run.config, work.preset
-    sim = Simulator(work.scene, Intrinsics.from_fov(size.width, size.height), supersample=size.supersample)
+    sim = Simulator.of_preset(work.scene, size)
     explore(sim, config.policy, steps=size.walk_steps, seed=config.seed).save(work.run / "trajectory")
     draw_walk(work.run / "figures", work.scene, work.trajectory)
 

@@ -25,7 +25,6 @@ from autonerf_lab.config import preset
 from autonerf_lab.evaluators import METRICS, TrueField, evaluate
 from autonerf_lab.evaluators.truth import true_map
 from autonerf_lab.exploration import explore
-from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.machine import peak_gb
 from autonerf_lab.nerf import fit, load_nerf
 from autonerf_lab.scenes import Scene, generate_apartment
@@ -59,9 +58,9 @@ class Counting(TrueField):
 
 def simulator(name: str, size: str) -> Simulator:
     """Of an apartment, with the camera of a preset and its texture baked."""
-    scene, sizes = scene_by_name(name), preset(size)
+    scene = scene_by_name(name)
     _ = scene.texture  # baked once for a scene: no part of the evaluation
-    return Simulator(scene, Intrinsics.from_fov(sizes.width, sizes.height), supersample=sizes.supersample)
+    return Simulator.of_preset(scene, preset(size))
 
 
 def train(name: str, size: str, folder: Path) -> None:

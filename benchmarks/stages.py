@@ -7,7 +7,7 @@ field could. From one column to the next is what a stage loses. Beside them the 
 Each scene is kept in ``--out`` as soon as it is done, and fits go on from their checkpoints: interrupted, the same
 command goes on.
 
-    python benchmarks/stages.py                      # development scenes: about 25 minutes
+    python benchmarks/stages.py                      # development scenes: ten fits
     python benchmarks/stages.py --split val
     python benchmarks/stages.py --quick
 
@@ -24,10 +24,10 @@ from common.output import mean_of
 from common.views import TRAIN_SEED, photographs
 
 from autonerf_lab import storage
+from autonerf_lab.benchmark.paper import MAPS, PLANNING, POSE, RENDERING, Column
 from autonerf_lab.config import preset
 from autonerf_lab.evaluators import Scores, ceiling, evaluate
 from autonerf_lab.exploration import explore
-from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf import fit
 from autonerf_lab.policies import weights_sha256
 from autonerf_lab.scenes import load_scene, scene_names
@@ -44,12 +44,12 @@ BAR: dict[str, dict[str, float]] = {
     "planning": {"pointgoal_success": 90, "pointgoal_spl": 88, "objectgoal_success": 75, "objectgoal_spl": 72},
     "pose_refinement": {"convergence_rate": 80, "rotation_error_deg": 0.15, "translation_error_m": 0.004},
 }
-LOWER_IS_BETTER = ("rotation_error_deg", "translation_error_m")
+COLUMNS = [column for column in (*RENDERING, *MAPS, *PLANNING, *POSE) if column.metric in BAR[column.task]]
 
 
 def values_of(scores: Scores) -> dict[str, float | None]:
     """The scores that have a bar."""
-    return {f"{task}: {metric}": scores[task, metric] for task, metrics in BAR.items() for metric in metrics}
+    return {column.title: scores[column.key] for column in COLUMNS}
 
 
 def measure(name: str, policy: str, views: int, size: str, folder: Path) -> dict[str, dict[str, float | None]]:
@@ -59,7 +59,7 @@ def measure(name: str, policy: str, views: int, size: str, folder: Path) -> dict
     if kept.exists() and (found := storage.read_json(kept))["identity"] == identity:
         return found["scores"]
     scene, sizes = load_scene(name), preset(size)
-    sim = Simulator(scene, Intrinsics.from_fov(sizes.width, sizes.height), supersample=sizes.supersample)
+    sim = Simulator.of_preset(scene, sizes)
     seen = {
         "walk": explore(sim, policy, steps=sizes.walk_steps, seed=0, progress=False),
         "uniform views": photographs(sim, views, TRAIN_SEED),
@@ -71,6 +71,13 @@ def measure(name: str, policy: str, views: int, size: str, folder: Path) -> dict
     scores["truth"] = values_of(ceiling(scene, size, tasks=BAR))
     storage.write_json(kept, {"identity": identity, "scores": scores})
     return scores
+
+
+def _shown(value: float | None, bar: float, score: Column) -> str:
+    if value is None:
+        return "-"
+    text = f"{value * score.scale:.{score.decimals}f}"
+    return text if score.better * value >= score.better * bar else f"**{text}**"
 
 
 def main() -> None:
@@ -86,20 +93,16 @@ def main() -> None:
     if options.quick:
         names, size, options.views, options.out = names[:1], "smoke", 40, Path(tempfile.mkdtemp())
     rows = [measure(name, options.policy, options.views, size, options.out) for name in names]
-    columns = list(rows[0])
+    fields = list(rows[0])
     print(f"| score | bar | {options.policy} | {options.views} uniform views | truth |")
     print("|---|---|---|---|---|")
     means: dict[str, dict[str, float | None]] = {}
-    for task, metrics in BAR.items():
-        for metric, bar in metrics.items():
-            score = f"{task}: {metric}"
-            means[score] = {column: mean_of([row[column] for row in rows], score) for column in columns}
-            sign = -1 if metric in LOWER_IS_BETTER else 1
-            shown = []
-            for value in means[score].values():
-                reached = value is not None and sign * value >= sign * bar
-                shown.append("-" if value is None else f"{value:.4g}" if reached else f"**{value:.4g}**")
-            print(f"| {score} | {bar:g} | " + " | ".join(shown) + " |")
+    for score in COLUMNS:
+        bar = BAR[score.task][score.metric]
+        found = {field: mean_of([row[field] for row in rows], score.title) for field in fields}
+        shown = [_shown(value, bar, score) for value in found.values()]
+        print(f"| {score.title} | {bar * score.scale:g} | " + " | ".join(shown) + " |")
+        means[f"{score.task}: {score.metric}"] = found
     print(f"means of {len(names)} scenes, preset {size}; in bold what misses the bar")
     print(json.dumps({"scenes": names, "policy": options.policy, "preset": size, "means": means}))
 

@@ -19,7 +19,6 @@ import numpy as np
 from autonerf_lab.config import Preset, preset
 from autonerf_lab.evaluators import METRICS, TrueField, evaluate
 from autonerf_lab.evaluators.mesh_metrics import normals
-from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.scenes import Scene, load_scene
 from autonerf_lab.simulator import Simulator
 
@@ -64,8 +63,7 @@ def moved(scene: Scene, wall: tuple[int, float, float], metres: float) -> Scene:
 def displaced(scene: Scene, wall: tuple[int, float, float], metres: float, size: Preset, views: int = 1) -> TrueField:
     """The geometry with that wall elsewhere, looking as the test images of a preset do."""
     there = moved(scene, wall, metres)
-    camera = Intrinsics.from_fov(size.width, size.height)
-    return TrueField(there, Simulator(there, camera, supersample=size.supersample), views=views)
+    return TrueField(there, Simulator.of_preset(there, size), views=views)
 
 
 def main() -> None:

@@ -23,7 +23,6 @@ from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_v
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.tasks import METRICS, Run, rows_of, run_task
 from autonerf_lab.evaluators.tsdf import fused_scores
-from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.trajectory import Trajectory
 
@@ -140,8 +139,7 @@ def _of_truth(
 ) -> Scores:
     from autonerf_lab.simulator import Simulator
 
-    sim = Simulator(scene, Intrinsics.from_fov(size.width, size.height), supersample=size.supersample)
-    return _score(Run, TrueField(scene, sim), scene, size, seed, tasks, progress, lpips)
+    return _score(Run, TrueField(scene, Simulator.of_preset(scene, size)), scene, size, seed, tasks, progress, lpips)
 
 
 def upstream_scores(

@@ -25,7 +25,7 @@ from autonerf_lab.evaluators.rendering import evaluate_rendering, sample_test_po
 from autonerf_lab.evaluators.result import TaskResult, failure
 from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_columns, semantic_scores
 from autonerf_lab.evaluators.truth import TrueMap, true_map
-from autonerf_lab.geometry import Intrinsics, planar_from_pose
+from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.types import Score
 
 if TYPE_CHECKING:
@@ -104,8 +104,7 @@ class Run:
     def sim(self) -> "Simulator":
         from autonerf_lab.simulator import Simulator
 
-        camera = Intrinsics.from_fov(self.preset.width, self.preset.height)
-        return Simulator(self.scene, camera, supersample=self.preset.supersample)
+        return Simulator.of_preset(self.scene, self.preset)
 
     @cached_property
     def truth(self) -> TrueMap:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,6 +16,9 @@ from autonerf_lab.simulator.noise import Motion, Noise, compose
 from autonerf_lab.simulator.raster import chunk_bounds, rasterize, shade
 from autonerf_lab.simulator.raycast import Hits, RayCaster
 from autonerf_lab.types import Action, Observation
+
+if TYPE_CHECKING:
+    from autonerf_lab.config import Preset
 
 _COLLISION = 0.8  # of a forward motion: getting less far is a collision (0.20 m of 0.25 m)
 CAST_FROM = 250_000  # triangles; the cost of drawing grows with them, that of casting rays hardly does
@@ -104,6 +108,18 @@ class Simulator:
         self._believed = self._planar  # the same by odometry
         self._collided = False
         self._step = 0
+
+    @classmethod
+    def of_preset(cls, scene: Scene, preset: "Preset") -> "Simulator":
+        """With the camera of a preset: walks and test images are taken with the same one.
+
+        Example:
+            >>> from autonerf_lab.config import preset
+            >>> from autonerf_lab.scenes import load_scene
+            >>> Simulator.of_preset(load_scene("train-00"), preset("smoke")).intrinsics.width
+            48
+        """
+        return cls(scene, Intrinsics.from_fov(preset.width, preset.height), supersample=preset.supersample)
 
     @cached_property
     def _caster(self) -> RayCaster:
