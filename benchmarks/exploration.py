@@ -9,7 +9,8 @@ Coverage: shares of what is visible in the scene after 10, 25, 50 and 100 % of t
 means over scenes with 95 % intervals (Student's t on scene means). Each learned policy is compared, paired by scene and
 start, by the area under the curve of what it was trained for: with frontier, random waypoints and its own untrained
 network where it chooses waypoints, with random and its own untrained network where it chooses actions. Curiosity,
-novelty and reconstruction have no curve of their own; they are judged by the area. A walk is kept as a JSON under
+novelty and reconstruction have no curve of their own; they are judged by the area. Above all of them stand greedy
+explorers who know what there is to find (``omniscient area`` and so on, one a quantity). A walk is kept as a JSON under
 ``--cells``; a run that was interrupted goes on where it stopped, and weights that have changed since walk again.
 
 Speed: an episode as it is recorded (128 x 128, supersampled), and training, learning included, on 1 and 2 workers.
@@ -34,6 +35,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from common.omniscient import Omniscient
 from common.training import in_fresh_process, set_threads
 
 from autonerf_lab.benchmark.statistics import Runs, difference, interval
@@ -51,6 +53,7 @@ from autonerf_lab.storage import read_json, write_json
 from autonerf_lab.types import MapState
 
 UNTRAINED = "untrained "
+OMNISCIENT = "omniscient "
 TRAINED_FOR = {"cov": "area", "obs": "obstacles", "sem": "semantics", "view": "viewpoints"}
 STRIDE = 5  # steps between two points of a curve that is kept
 
@@ -68,7 +71,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="one scene, two policies, 200 steps: to see that it runs")
     options = parser.parse_args()
     learned = [name for name in POLICIES if name.startswith(("modular-", "e2e-"))]
-    policies = [*POLICIES, *(UNTRAINED + name for name in learned)]
+    policies = [*POLICIES, *(UNTRAINED + name for name in learned), *(OMNISCIENT + q for q in QUANTITIES.values())]
     scenes = scene_names(options.split)
     if options.policies:
         policies = options.policies.split(",")
@@ -76,7 +79,8 @@ def main() -> None:
         scenes, policies, options.steps, options.starts = scenes[:1], ["random", "frontier"], 200, 1
         options.cells = Path(tempfile.mkdtemp())
     for name in policies:
-        make(name)  # a name that is wrong fails here, not hours later
+        if name.removeprefix(OMNISCIENT) not in QUANTITIES.values():
+            make(name)  # a name that is wrong fails here, not hours later
     curves = walk_all(policies, scenes, options.starts, options.steps, options.cells, options.workers)
     print_curves(curves, options.steps)
     print_differences(curves)
@@ -112,7 +116,8 @@ def walk(policy: str, scene: str, start: int, steps: int, cells: str) -> dict[st
     if path.exists() and (kept := read_json(path))["identity"] == identity:
         return kept
     sim, visible = everything(scene, cells)
-    made = explore(sim, make(policy), steps, start, progress=False)
+    walks = Omniscient(policy.removeprefix(OMNISCIENT), visible) if policy.startswith(OMNISCIENT) else make(policy)
+    made = explore(sim, walks, steps, start, progress=False)
     shares = {
         name: curve[STRIDE - 1 :: STRIDE].round(3).tolist() for name, curve in coverage(sim, made, visible).items()
     }
@@ -180,7 +185,7 @@ def print_differences(curves: Curves) -> None:
 def draw(curves: Curves, path: str, title: str) -> None:
     """One panel a quantity, a line a policy, the band from the worst to the best scene."""
     fig, axes = plt.subplots(1, len(QUANTITIES), figsize=(14, 4), sharey=True, layout="constrained")
-    shown = [policy for policy in curves if not policy.startswith(UNTRAINED)]
+    shown = [policy for policy in curves if not policy.startswith((UNTRAINED, OMNISCIENT))]
     colours = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
     for ax, quantity in zip(axes, QUANTITIES.values(), strict=True):
         for policy, colour in zip(shown, colours, strict=False):
