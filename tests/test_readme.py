@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from autonerf_lab.nerf import MODELS
+from autonerf_lab.policies import POLICIES
 from autonerf_lab.rewards import REWARDS
 
 ROOT = Path(__file__).parents[1]
@@ -56,3 +57,15 @@ def test_code_about_rewards_runs_and_every_reward_is_there() -> None:
     show = "env.reset(seed=0)\nprint(sorted(env.step(0)[4]['reward_terms']))"
     result = subprocess.run([sys.executable, "-c", f"{code}\n{show}"], capture_output=True, text=True, check=False)
     assert result.stdout == "['bumps', 'cov']\n", result.stderr
+
+
+def test_code_about_policies_runs_and_every_policy_is_there(tmp_path: Path) -> None:
+    text = re.search(r"(?ms)^### Policies\n(.*?)^### ", (ROOT / "README.md").read_text())
+    assert text and set(re.findall(r"(?m)^\| `([\w-]+)` \|", text[1])) == set(POLICIES)
+    (code,) = re.findall(r"```python\n(.*?)```", text[1], re.S)
+    code, smaller = re.subn("steps=1500", "steps=8", code)
+    assert smaller == 1
+    result = subprocess.run(
+        [sys.executable, "-c", WALK + code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0 and (tmp_path / "rollouts.png").read_bytes().startswith(b"\x89PNG"), result.stderr
