@@ -53,7 +53,7 @@ from autonerf_lab.storage import read_json, write_json
 from autonerf_lab.types import MapState
 
 UNTRAINED = "untrained "
-OMNISCIENT = "omniscient "
+OMNISCIENT = {f"omniscient {quantity}": quantity for quantity in QUANTITIES.values()}
 TRAINED_FOR = {"cov": "area", "obs": "obstacles", "sem": "semantics", "view": "viewpoints"}
 STRIDE = 5  # steps between two points of a curve that is kept
 
@@ -71,7 +71,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="one scene, two policies, 200 steps: to see that it runs")
     options = parser.parse_args()
     learned = [name for name in POLICIES if name.startswith(("modular-", "e2e-"))]
-    policies = [*POLICIES, *(UNTRAINED + name for name in learned), *(OMNISCIENT + q for q in QUANTITIES.values())]
+    policies = [*POLICIES, *(UNTRAINED + name for name in learned), *OMNISCIENT]
     scenes = scene_names(options.split)
     if options.policies:
         policies = options.policies.split(",")
@@ -79,7 +79,7 @@ def main() -> None:
         scenes, policies, options.steps, options.starts = scenes[:1], ["random", "frontier"], 200, 1
         options.cells = Path(tempfile.mkdtemp())
     for name in policies:
-        if name.removeprefix(OMNISCIENT) not in QUANTITIES.values():
+        if name not in OMNISCIENT:
             make(name)  # a name that is wrong fails here, not hours later
     curves = walk_all(policies, scenes, options.starts, options.steps, options.cells, options.workers)
     print_curves(curves, options.steps)
@@ -116,7 +116,7 @@ def walk(policy: str, scene: str, start: int, steps: int, cells: str) -> dict[st
     if path.exists() and (kept := read_json(path))["identity"] == identity:
         return kept
     sim, visible = everything(scene, cells)
-    walks = Omniscient(policy.removeprefix(OMNISCIENT), visible) if policy.startswith(OMNISCIENT) else make(policy)
+    walks = Omniscient(OMNISCIENT[policy], visible) if policy in OMNISCIENT else make(policy)
     made = explore(sim, walks, steps, start, progress=False)
     shares = {
         name: curve[STRIDE - 1 :: STRIDE].round(3).tolist() for name, curve in coverage(sim, made, visible).items()
@@ -185,7 +185,7 @@ def print_differences(curves: Curves) -> None:
 def draw(curves: Curves, path: str, title: str) -> None:
     """One panel a quantity, a line a policy, the band from the worst to the best scene."""
     fig, axes = plt.subplots(1, len(QUANTITIES), figsize=(14, 4), sharey=True, layout="constrained")
-    shown = [policy for policy in curves if not policy.startswith((UNTRAINED, OMNISCIENT))]
+    shown = [policy for policy in curves if not policy.startswith(UNTRAINED) and policy not in OMNISCIENT]
     colours = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
     for ax, quantity in zip(axes, QUANTITIES.values(), strict=True):
         for policy, colour in zip(shown, colours, strict=False):

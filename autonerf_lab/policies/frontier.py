@@ -139,7 +139,7 @@ class Frontier:
 
     def _choose(self, map: MapState, keep: Target | None = None) -> None:
         """Set the best target; ``keep`` stays unless another is much better."""
-        distance = self._travel(map)
+        distance = travel_from_robot(map)
         found = self._best_frontier(map, distance)
         if keep is not None:
             steps = distance[keep.cell]
@@ -148,13 +148,6 @@ class Frontier:
                 return
         self._target = found or self._best_view(map, distance)
         self._age = self._looks = self._failures = 0
-
-    def _travel(self, map: MapState) -> np.ndarray:
-        """(M, M) metres from the robot over explored ground that its body fits on."""
-        radius = round(AGENT_RADIUS / map.cell)
-        free = (map.explored & ~dilate(map.occupied, radius + 0.5)) | map.visited
-        start = world_to_cell(map.pose[:2, 3], map.origin, map.cell)
-        return travel_distance(free, start[None], map.cell)
 
     def _best_frontier(self, map: MapState, distance: np.ndarray) -> Target | None:
         assert self._given_up is not None
@@ -217,6 +210,21 @@ class Frontier:
 
     def _distance(self, map: MapState, target: Target) -> float:
         return float(np.linalg.norm(map.pose[:2, 3] - target.point))
+
+
+def travel_from_robot(map: MapState) -> np.ndarray:
+    """(M, M) metres from the robot over explored ground that its body fits on; infinite elsewhere.
+
+    Example:
+        >>> from autonerf_lab.geometry import planar_pose
+        >>> from autonerf_lab.mapping import empty_map
+        >>> bool(np.isinf(travel_from_robot(empty_map(planar_pose(0, 0, 0)))).all())  # nothing is explored yet
+        True
+    """
+    radius = round(AGENT_RADIUS / map.cell)
+    free = (map.explored & ~dilate(map.occupied, radius + 0.5)) | map.visited
+    start = world_to_cell(map.pose[:2, 3], map.origin, map.cell)
+    return travel_distance(free, start[None], map.cell)
 
 
 def _border(mask: np.ndarray) -> np.ndarray:

@@ -1,32 +1,24 @@
 """How well can one explore at all? A greedy explorer who knows what there is to find: the yardstick from above."""
 
 import numpy as np
+import torch
 from numba import njit
 
-from autonerf_lab.geometry import (
-    AGENT_RADIUS,
-    FORWARD_STEP,
-    TURN_ANGLE,
-    cell_to_world,
-    planar_from_pose,
-    world_to_cell,
-)
-from autonerf_lab.planning.dilation import dilate
-from autonerf_lab.planning.fast_marching import travel_distance
-from autonerf_lab.planning.local import LocalPolicy
+from autonerf_lab.geometry import FORWARD_STEP, TURN_ANGLE, cell_to_world, planar_from_pose, world_to_cell
+from autonerf_lab.policies.frontier import travel_from_robot
 from autonerf_lab.policies.gain import RAYS
-from autonerf_lab.types import Action, MapState, Observation
+from autonerf_lab.policies.modular import Modular
+from autonerf_lab.policies.views import CompactView, pooled
+from autonerf_lab.types import MapState
 
 LATTICE = 0.3  # metres between the places that are compared
-LOOK_AROUND = 9  # turns, as modular policies begin
-FOLLOW, ARRIVED = 12, 0.35  # steps and metres, as theirs
 OVERHEAD = 4  # steps that a place costs beside the way, as frontier exploration counts
 NEAR, REACH = 0.5, 5.0  # metres, of the depth sensor
 TRIED = 0.5  # metres: what was chosen so near and still promises much cannot be seen from there
 
 
-class Omniscient:
-    """Walks to where the most that is not yet mapped is truly to be seen, for each step.
+class Omniscient(Modular):
+    """Goes as a modular policy does, to where the most that is not yet mapped is truly to be seen, for each step.
 
     Of what is behind the next door it knows everything, of the best order nothing.
 
@@ -37,66 +29,46 @@ class Omniscient:
 
     def __init__(self, quantity: str, visible: MapState) -> None:
         self._quantity, self._visible = quantity, visible
-        self.reset(np.random.default_rng(0))
+        super().__init__(CompactView(), torch.nn.Identity())  # whose timing it has; the network is never asked
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode."""
-        self._local = LocalPolicy()
-        self._age, self._turns = 0, LOOK_AROUND
+        super().reset(rng)
         self._tried: list[np.ndarray] = []
-        self.waypoint: np.ndarray | None = None
-
-    def act(self, map: MapState, observation: Observation) -> int:
-        """Towards the best place."""
-        if self._turns:
-            self._turns -= 1
-            return Action.TURN_LEFT
-        here = map.pose[:2, 3]
-        if self.waypoint is None or self._age >= FOLLOW or np.linalg.norm(here - self.waypoint) < ARRIVED:
-            self.waypoint, self._age = self._choose(map), 0
-            if np.linalg.norm(here - self.waypoint) < FOLLOW * FORWARD_STEP:
-                self._tried.append(self.waypoint)
-        self._age += 1
-        return self._local.act(map, self.waypoint)
 
     def _choose(self, map: MapState) -> np.ndarray:
-        free = (map.explored & ~dilate(map.occupied, round(AGENT_RADIUS / map.cell) + 0.5)) | map.visited
+        distance = travel_from_robot(map)
         start = world_to_cell(map.pose[:2, 3], map.origin, map.cell)
-        distance = travel_distance(free, start[None], map.cell)
         every = round(LATTICE / map.cell)
         cells = every * np.argwhere(np.isfinite(distance[::every, ::every]))
         cells = cells[(cells != start).any(axis=1)]
         if not len(cells):
             return cell_to_world(start, map.origin, map.cell)
         points = cell_to_world(cells, map.origin, map.cell)
-        walls, missing = self._truth(map)
-        gains = to_be_seen(walls, missing, cells, NEAR / map.cell, REACH / map.cell)
+        gains = to_be_seen(*self._truth(map), cells, NEAR / map.cell, REACH / map.cell)
         if self._tried:
             away = ((points[:, None] - np.array(self._tried)[None]) ** 2).sum(axis=2)
             gains /= (1 + np.exp(-away / (2 * TRIED**2)).sum(axis=1)) ** 2
         x, y, heading = planar_from_pose(map.pose)
         ahead = np.exp(1j * (np.arctan2(points[:, 1] - y, points[:, 0] - x) - heading))
         turns = np.abs(np.angle(ahead)) / TURN_ANGLE
-        return points[np.argmax(gains / (distance[tuple(cells.T)] / FORWARD_STEP + turns + OVERHEAD))]
+        best = points[np.argmax(gains / (distance[tuple(cells.T)] / FORWARD_STEP + turns + OVERHEAD))]
+        if np.linalg.norm(map.pose[:2, 3] - best) < self.view.follow * FORWARD_STEP:
+            self._tried.append(best)
+        return best
 
     def _truth(self, map: MapState) -> tuple[np.ndarray, np.ndarray]:
         """(M, M) bool walls, and (B, M, M) what is to be seen there from each of B directions and is not on the map."""
-        there = self._visible
-        centers = cell_to_world(np.indices(map.explored.shape).reshape(2, -1).T, map.origin, map.cell)
-        at = world_to_cell(centers, there.origin, there.cell)
-        inside = ((at >= 0) & (at < len(there.explored))).all(axis=1)
-
-        def placed(channels: np.ndarray, outside: bool) -> np.ndarray:
-            out = np.full((len(channels), len(centers)), outside)
-            out[:, inside] = channels[:, at[inside, 0], at[inside, 1]]
-            return out.reshape(-1, *map.explored.shape)
-
+        there, size = self._visible, len(map.explored)
+        first = cell_to_world(np.zeros(2), map.origin, map.cell)
+        top, left = (int(i) for i in world_to_cell(first, there.origin, there.cell))
         name = {"area": "explored", "obstacles": "occupied"}.get(self._quantity, self._quantity)
-        mapped = np.atleast_3d(getattr(map, name).T).T
-        missing = placed(np.atleast_3d(getattr(there, name).T).T, False) & ~mapped
+        mapped, all_of_it = (np.atleast_3d(getattr(known, name).T).T for known in (map, there))
+        missing = pooled(all_of_it, top, left, size, 1) & ~mapped
         if self._quantity == "semantics":  # classes are seen from anywhere
             missing = missing.sum(axis=0, keepdims=True)
-        return placed(there.occupied[None], True)[0], missing.astype(np.float32)
+        walls = ~pooled(~there.occupied[None], top, left, size, 1)[0]  # all that lies outside, too
+        return walls, missing.astype(np.float32)
 
 
 @njit(cache=True)
