@@ -5,7 +5,7 @@ interrupted and resumed is the same as one that was not, and each stage is also 
 """
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -30,7 +30,7 @@ SCANS = (".glb", ".obj", ".ply")
 
 @dataclass(frozen=True)
 class Options:
-    """What may be asked of the stages ``evaluate`` and ``mesh``, and changes nothing else in a run."""
+    """What may be asked of the stages, and changes nothing else in a run."""
 
     lpips: "Lpips | None" = None
     upstream: bool = False  # beside the scores, those by the definitions of the released code
@@ -39,6 +39,7 @@ class Options:
     interest: bool = False  # pixels of pose refinement from interest regions
     voxel: float | None = None  # metres; that of the preset without
     suffix: str = "glb"  # of the meshes: glb or ply
+    pictures: Collection[str] | None = None  # names of those to draw; all without
 
 
 class Workspace:
@@ -280,7 +281,7 @@ def _explore(work: Workspace) -> None:
     config, size = work.run.config, work.preset
     sim = Simulator.of_preset(work.scene, size)
     explore(sim, config.policy, steps=size.walk_steps, seed=config.seed).save(work.run / "trajectory")
-    draw_walk(work.run / "figures", work.scene, work.trajectory)
+    draw_walk(work.run / "figures", work.scene, work.trajectory, work.options.pictures)
 
 
 def _fit(work: Workspace) -> None:
@@ -316,7 +317,7 @@ def _evaluate(work: Workspace) -> None:
     if asked.upstream:
         print("the same field by the definitions of the released code", flush=True)
         upstream_scores(work.nerf, scene, work.preset, seed).save(work.run / "yardsticks/upstream.json")
-    draw_scores(work.run / "figures", work.nerf, scene, scores.artifacts)
+    draw_scores(work.run / "figures", work.nerf, scene, scores.artifacts, asked.pictures)
     if asked.lpips is not None:
         print(f"LPIPS with the weights of SHA-256 {asked.lpips.sha256}", flush=True)
 

@@ -30,7 +30,7 @@ def test_dry_run_costs_nothing_and_knows_what_is_done(results, tmp_path, capsys)
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "val-0_random_0_semantic-nerfacto"
     assert printed[-2] == "12 cells, 12 to run, 2 at a time"
-    assert re.fullmatch(r"about 0\.6 hours and 0\.\d\d GB, from a cell of 180 s on two cores .*", printed[-1])
+    assert re.fullmatch(r"about 0\.5 hours and 0\.\d\d GB, from a cell of 150 s on two cores .*", printed[-1])
     assert not (tmp_path / "new").exists()
     results.discard(results.outcomes()[:10])
     assert bench(*words, results.path, "--dry-run", "--preset", "fast") == 0

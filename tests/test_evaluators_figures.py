@@ -150,4 +150,4 @@ def test_a_picture_that_cannot_be_drawn_loses_no_other(tmp_path, monkeypatch):
     run_pictures.draw_scores(tmp_path, Dark(), toy_scene.two_rooms(), artifacts)
     pictures = read_gallery(tmp_path, "evaluate")
     assert {"maps", "mesh", "navigation", "finetuning"} <= {picture.section for picture in pictures}
-    assert "ValueError: the pen is dry" in words(run_pictures._drawn(broken))
+    assert "ValueError: the pen is dry" in words(run_pictures._drawn(broken)())

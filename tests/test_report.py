@@ -2,6 +2,7 @@
 
 import html.parser
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -24,9 +25,18 @@ def run(tmp_path):
     gallery = Gallery(run / "figures", "evaluate")
     for section in ("rendering", "maps", "planning", "mesh"):
         image = rng.integers(0, 255, (20, 30, 3), dtype=np.uint8)
-        gallery.add(section, section, image, title=EVIL, caption=f"About {section}", alt=f"A picture of {section}")
+        gallery.add(
+            section,
+            section,
+            partial(np.copy, image),
+            title=EVIL,
+            caption=f"About {section}",
+            alt=f"A picture of {section}",
+        )
     frames = [rng.integers(0, 255, (20, 30, 3), dtype=np.uint8) for _ in range(3)]
-    gallery.add("pose_refinement", "refine", frames, title="Refining", caption="Moves", alt="A camera that moves")
+    gallery.add(
+        "pose_refinement", "refine", lambda: frames, title="Refining", caption="Moves", alt="A camera that moves"
+    )
     gallery.close()
     rows = [
         Score("rendering", "psnr", 22.5, "dB", n=8),
@@ -157,6 +167,21 @@ def test_matplotlib_figures_are_drawn_and_closed(tmp_path):
     import matplotlib.pyplot as plt
 
     gallery = Gallery(tmp_path, "fit")
-    gallery.add("maps", "plot", plt.figure(figsize=(1, 1)), title="t", caption="c", alt="a")
+    gallery.add("maps", "plot", partial(plt.figure, figsize=(1, 1)), title="t", caption="c", alt="a")
     assert (tmp_path / "fit_plot.png").read_bytes().startswith(b"\x89PNG")
     assert not plt.get_fignums()
+
+
+def test_a_gallery_draws_what_is_wanted_and_no_animation_of_nothing(tmp_path):
+    drawn = []
+
+    def draw(name, image):
+        return lambda: drawn.append(name) or image
+
+    gallery = Gallery(tmp_path, "evaluate", only=["wanted", "empty"])
+    for name, image in (("wanted", np.zeros((2, 2, 3), np.uint8)), ("unwanted", None), ("empty", [])):
+        gallery.add("maps", name, draw(name, image), title="t", caption="c", alt="a")
+    gallery.close()
+    assert drawn == ["wanted", "empty"]
+    assert [picture.file for picture in read_gallery(tmp_path, "evaluate")] == ["evaluate_wanted.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["evaluate.json", "evaluate_wanted.png"]

@@ -21,7 +21,7 @@ from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.run_folder import load_run, locked
 from autonerf_lab.types import Score
 
-PICTURES = {"walk": "explore_from_above.png", "rendering": "evaluate_comparison.png", "maps": "evaluate_overlay.png"}
+PICTURES = {"walk": ("explore", "from_above"), "rendering": ("evaluate", "comparison"), "maps": ("evaluate", "overlay")}
 PICTURE_WIDTH = 900
 
 
@@ -56,7 +56,7 @@ def _attempt(cell: Cell, results: Results, keep: bool, lpips: str | None) -> Out
     machine.forget_peak()  # of the cell that this process ran before
     folder = results.kept(cell) if keep else results.work(cell) / "run"
     try:
-        return _run(cell, results, folder, lpips)
+        return _run(cell, results, folder, keep, lpips)
     except Exception as error:  # a grid must survive one odd cell
         if storage.out_of_space(error):
             raise DataError(f"{error}; what is finished stays, and the same command goes on") from error
@@ -68,10 +68,11 @@ def _attempt(cell: Cell, results: Results, keep: bool, lpips: str | None) -> Out
         return Outcome(cell, f"{kind}: {type(error).__name__}: {error}")
 
 
-def _run(cell: Cell, results: Results, folder: Path, lpips: str | None) -> Outcome:
+def _run(cell: Cell, results: Results, folder: Path, keep: bool, lpips: str | None) -> Outcome:
     if not ((folder / "run.json").exists() and load_run(folder).finished("evaluate")):
         weights = None if lpips is None else Lpips(lpips, results.lpips)
-        options = pipeline.Options(weights, yardsticks=False, optional=cell.optional)
+        pictures = None if keep else [picture for _, picture in PICTURES.values()]
+        options = pipeline.Options(weights, yardsticks=False, optional=cell.optional, pictures=pictures)
         pipeline.begin(
             folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate", options=options
         )  # fmt: skip
@@ -85,8 +86,8 @@ def _run(cell: Cell, results: Results, folder: Path, lpips: str | None) -> Outco
         rows, curves = walk_scores(work.trajectory, work.scene, preset(cell.preset), results.path / "scenes")
         storage.write_json(folder / "curves.json", curves)
         Scores(rows).save(walked)
-    for name, file in PICTURES.items():
-        _shrink(run / "figures" / file, results.path / "pictures" / f"{cell.name}_{name}.webp")
+    for name, (stage, picture) in PICTURES.items():
+        _shrink(run / f"figures/{stage}_{picture}.png", results.path / "pictures" / f"{cell.name}_{name}.webp")
     last = {"seconds": round(time.perf_counter() - started, 3), "peak_gb": machine.peak_gb()}
     scores = tuple(_signed(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(walked)])
     return Outcome(cell, OK, scores, {**run.stages, "exploration": last}, storage.read_json(folder / "curves.json"))

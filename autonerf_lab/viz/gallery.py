@@ -2,6 +2,7 @@
 
 import io
 import sys
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -30,37 +31,45 @@ class Picture:
 class Gallery:
     """Collects the pictures of one stage; :meth:`close` makes them known to the report.
 
+    Args:
+        folder: of the pictures.
+        stage: begins the name of each file.
+        only: names of those to draw; all without.
+
     Example:
         >>> import tempfile
         >>> folder = Path(tempfile.mkdtemp())
         >>> gallery = Gallery(folder, "explore")
         >>> red = np.full((4, 4, 3), (255, 0, 0), np.uint8)
-        >>> gallery.add("walk", "red", red, title="Red", caption="All of it.", alt="A red square")
+        >>> gallery.add("walk", "red", lambda: red, title="Red", caption="All of it.", alt="A red square")
         >>> gallery.close()
         >>> [picture.file for picture in read_gallery(folder, "explore")]
         ['explore_red.png']
     """
 
-    def __init__(self, folder: Path, stage: str) -> None:
-        self.folder = folder
-        self.stage = stage
+    def __init__(self, folder: Path, stage: str, only: Collection[str] | None = None) -> None:
+        self.folder, self.stage, self.only = folder, stage, only
         self.pictures: list[Picture] = []
 
-    def add(self, section: str, name: str, image: Any, *, title: str, caption: str, alt: str) -> None:
-        """Keep a picture.
+    def add(self, section: str, name: str, draw: Callable[[], Any], *, title: str, caption: str, alt: str) -> None:
+        """Draw and keep a picture, if it is wanted.
 
         Args:
             section: the part of the report it belongs to.
             name: of the file, without the ending.
-            image: a matplotlib figure (closed afterwards), an (H, W, 3) uint8 array, or a list of such arrays or of
-                Pillow images: the frames of an animation, whose last one is also kept as a still.
+            draw: returns a matplotlib figure (closed afterwards), an (H, W, 3) uint8 array, or a list of such arrays or
+                of Pillow images: the frames of an animation, whose last one is also kept as a still; no frames, no
+                picture.
             title: a few words.
             caption: one or two sentences: what to look at.
             alt: for readers who cannot see it.
         """
-        stem = f"{self.stage}_{name}"
-        still = ""
+        if self.only is not None and name not in self.only:
+            return
+        stem, still, image = f"{self.stage}_{name}", "", draw()
         if isinstance(image, list):
+            if not image:
+                return
             frames = [f if isinstance(f, Image.Image) else Image.fromarray(f) for f in image]
             still = f"{stem}_still.png"
             storage.write_bytes(self.folder / still, _png(frames[-1]))

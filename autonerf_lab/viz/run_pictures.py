@@ -1,6 +1,7 @@
 """The pictures that a run keeps for its report, with the words that go with them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,21 +14,22 @@ if TYPE_CHECKING:
     from autonerf_lab.trajectory import Trajectory
 
 
-def draw_walk(folder: Path, scene: "Scene", trajectory: "Trajectory") -> None:
+def draw_walk(folder: Path, scene: "Scene", trajectory: "Trajectory", only: Collection[str] | None = None) -> None:
     """Pictures of the stage ``explore``.
 
     Args:
         folder: of the pictures.
         scene: drawn from above, under the walk.
         trajectory: the walk; its ``meta`` holds the curves.
+        only: names of those to draw; all without.
     """
-    gallery = Gallery(folder, "explore")
+    gallery = Gallery(folder, "explore", only)
     steps, meta = len(trajectory), trajectory.meta
     area, way, bumps = meta["explored_m2"][-1], meta["path_m"][-1], sum(meta["collided"])
     gallery.add(
         "walk",
         "from_above",
-        figures.walk_view(scene, trajectory.poses),
+        partial(figures.walk_view, scene, trajectory.poses),
         title="The apartment from above",
         caption=f"{steps} steps, from dark to light; the white dot is the start. The ceiling is taken off.",
         alt=f"Floor plan of the apartment with furniture, and the line of a walk of {way:.0f} metres through it",
@@ -35,7 +37,7 @@ def draw_walk(folder: Path, scene: "Scene", trajectory: "Trajectory") -> None:
     gallery.add(
         "walk",
         "frames",
-        story.walk_frames(trajectory),
+        partial(story.walk_frames, trajectory),
         title="What the robot saw",
         caption="Evenly spaced in time. The field learns from the colours and the classes; depth is for the robot's "
         "own map only.",
@@ -44,7 +46,7 @@ def draw_walk(folder: Path, scene: "Scene", trajectory: "Trajectory") -> None:
     gallery.add(
         "walk",
         "curves",
-        story.explored_area(trajectory),
+        partial(story.explored_area, trajectory),
         title="How much it had seen",
         caption=f"{area:.0f} m² explored on a way of {way:.0f} m, with {bumps} collisions.",
         alt=f"Two curves over {steps} steps: the explored area rises to {area:.0f} square metres",
@@ -52,7 +54,9 @@ def draw_walk(folder: Path, scene: "Scene", trajectory: "Trajectory") -> None:
     gallery.close()
 
 
-def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[str, Any]) -> None:
+def draw_scores(
+    folder: Path, field: "Field", scene: "Scene", artifacts: dict[str, Any], only: Collection[str] | None = None
+) -> None:
     """Pictures of the stage ``evaluate``. One that cannot be drawn says why in its place: the scores are what counts.
 
     Args:
@@ -60,8 +64,9 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
         field: that was scored.
         scene: the truth.
         artifacts: the raw material of the scores, by task.
+        only: names of those to draw; all without.
     """
-    gallery = Gallery(folder, "evaluate")
+    gallery = Gallery(folder, "evaluate", only)
     gallery.add(
         "rendering",
         "comparison",
@@ -115,17 +120,15 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
         caption="Green paths succeed. The colour of a failure is its reason.",
         alt="Two floor plans with planned paths: to points on the left, to objects on the right",
     )
-    frames = _drawn(story.refinement_frames, field, artifacts["pose_refinement"])
-    if frames:  # a task that failed has none
-        gallery.add(
-            "pose_refinement",
-            "animation",
-            frames,
-            title="One camera, step by step",
-            caption="The picture of the field slides over the target as its pose is corrected. Dotted lines are the "
-            "limits of convergence, 3° and 2 cm.",
-            alt="Animation: the view of the field moves towards the target image, beside curves of the two pose errors",
-        )
+    gallery.add(
+        "pose_refinement",
+        "animation",
+        _drawn(story.refinement_frames, field, artifacts["pose_refinement"]),
+        title="One camera, step by step",
+        caption="The picture of the field slides over the target as its pose is corrected. Dotted lines are the "
+        "limits of convergence, 3° and 2 cm.",
+        alt="Animation: the view of the field moves towards the target image, beside curves of the two pose errors",
+    )
     gallery.add(
         "pose_refinement",
         "traces",
@@ -165,8 +168,13 @@ def draw_scores(folder: Path, field: "Field", scene: "Scene", artifacts: dict[st
     gallery.close()
 
 
-def _drawn(draw: Callable[..., Any], *args: Any) -> Any:
-    try:
-        return draw(*args)
-    except Exception as error:
-        return figures.nothing(f"this picture could not be drawn: {type(error).__name__}: {error}")
+def _drawn(draw: Callable[..., Any], *args: Any) -> Callable[[], Any]:
+    """Draws, or says why not."""
+
+    def image() -> Any:
+        try:
+            return draw(*args)
+        except Exception as error:
+            return figures.nothing(f"this picture could not be drawn: {type(error).__name__}: {error}")
+
+    return image
