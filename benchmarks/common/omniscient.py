@@ -60,15 +60,15 @@ class Omniscient(Modular):
     def _truth(self, map: MapState) -> tuple[np.ndarray, np.ndarray]:
         """(M, M) bool walls, and (B, M, M) what is to be seen there from each of B directions and is not on the map."""
         there, size = self._visible, len(map.explored)
-        first = cell_to_world(np.zeros(2), map.origin, map.cell)
-        top, left = (int(i) for i in world_to_cell(first, there.origin, there.cell))
+        coarser = round(map.cell / there.cell)
+        top, left = (int(i) for i in world_to_cell(map.origin + there.cell / 2, there.origin, there.cell))
         name = {"area": "explored", "obstacles": "occupied"}.get(self._quantity, self._quantity)
         mapped, all_of_it = (np.atleast_3d(getattr(known, name).T).T for known in (map, there))
-        missing = pooled(all_of_it, top, left, size, 1) & ~mapped
+        missing = pooled(all_of_it, top, left, size, coarser) & ~mapped
         if self._quantity == "semantics":  # classes are seen from anywhere
             missing = missing.sum(axis=0, keepdims=True)
-        walls = ~pooled(~there.occupied[None], top, left, size, 1)[0]  # all that lies outside, too
-        return walls, missing.astype(np.float32)
+        inside, walls = pooled(np.stack([np.ones_like(there.occupied), there.occupied]), top, left, size, coarser)
+        return walls | ~inside, missing.astype(np.float32)
 
 
 @njit(cache=True)
