@@ -10,7 +10,11 @@ from autonerf_lab.errors import UnknownNameError
 _MODULAR: dict[str, dict[str, Any]] = {
     # All area is found in 500 steps, so that is what it trains on; and twelve steps lead past a quarter of a room.
     "cov": {
-        **{"scale": 0.1, "demonstrations": 200, "episode": 80, "rollout": 80, "gamma": 0.99},
+        "scale": 0.1,
+        "demonstrations": 200,
+        "episode": 80,
+        "rollout": 80,
+        "gamma": 0.99,
         "network": {"kind": "compact", "follow": 6},
     },
     "obs": {"scale": 0.4},
