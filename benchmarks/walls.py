@@ -93,8 +93,8 @@ def main() -> None:
         "|---|---|" + "---|" * len(SHIFTS_CM),
     ]
     for score, unit in units.items():
-        values = [np.mean(scores[shift][score]) if score in scores[shift] else np.nan for shift in SHIFTS_CM]
-        lines.append(f"| {score} | {unit} | " + " | ".join(f"{value:.4g}" for value in values) + " |")
+        values = [f"{np.mean(scores[shift][score]):.4g}" if score in scores[shift] else "–" for shift in SHIFTS_CM]
+        lines.append(f"| {score} | {unit} | " + " | ".join(values) + " |")
     print("\n".join(lines))
     if options.out:
         options.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
