@@ -8,6 +8,7 @@ its apartments or the preset change, so that an interrupted build goes on, and a
 
 import argparse
 import hashlib
+import html
 import os
 import tempfile
 from pathlib import Path
@@ -25,6 +26,7 @@ from autonerf_lab import preset, storage
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL_TIMEOUT = 3600  # seconds
+GIF = "image/gif"
 WIDGET = "application/vnd.jupyter.widget-view+json"
 START = """# AutoNeRF Lab: the course
 
@@ -67,11 +69,15 @@ def executed(path: Path, folder: Path, state: bytes) -> NotebookNode:
     return nbformat.read(kept, as_version=4)
 
 
-def without_widgets(notebook: NotebookNode) -> NotebookNode:
-    """Only what is there without a kernel: a widget's picture stays, its controls go."""
+def for_pages(notebook: NotebookNode) -> NotebookNode:
+    """What is there without a kernel: a widget's picture without its controls, and films, which nbconvert omits."""
     for cell in notebook.cells:
         if cell.cell_type == "code":
             cell.outputs = [output for output in cell.outputs if WIDGET not in output.get("data", {})]
+            for output in cell.outputs:
+                if GIF in output.get("data", {}):
+                    alt = html.escape(output.metadata.get(GIF, {}).get("alt", ""))
+                    output.data["text/html"] = f'<img alt="{alt}" src="data:{GIF};base64,{output.data[GIF].strip()}">'
     return notebook
 
 
@@ -113,7 +119,7 @@ def build(notebooks: list[Path], out: Path) -> None:
     """Run what is not yet run, and write all pages."""
     folder, state, pages = out / ".executed", state_of_package(), Pages()
     folder.mkdir(parents=True, exist_ok=True)
-    book = {f"{path.stem}.html": without_widgets(executed(path, folder, state)) for path in notebooks}
+    book = {f"{path.stem}.html": for_pages(executed(path, folder, state)) for path in notebooks}
     contents = [(name, title_of(notebook)) for name, notebook in book.items()]
     lines = "".join(f"- [{name[:2]} {title}]({name})\n" for name, title in contents)
     start = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell(START.format(preset=preset().name) + lines)])

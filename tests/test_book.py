@@ -13,7 +13,10 @@ from browser import open_page, wait
 
 ROOT = Path(__file__).parents[1]
 FIGURE = """
+import io
 import os
+from IPython.display import Image as Show
+from PIL import Image
 from matplotlib import pyplot as plt
 import autonerf_lab.viz
 import ipywidgets
@@ -21,6 +24,8 @@ open(os.environ["RUNS"], "a").write("ran\\n")
 fig, ax = plt.subplots()
 ax.set_title("a curve")
 display(ipywidgets.IntSlider())
+Image.new("RGB", (2, 2)).save(film := io.BytesIO(), "gif")
+display(Show(film.getvalue(), format="gif", alt="A film <here>"))
 """
 
 
@@ -67,12 +72,14 @@ def test_pages_are_linked_and_load_nothing(build, tmp_path, notebooks):
     assert 'href="01_two.html" rel="next">Two →<' in one and 'href="00_one.html" rel="prev">← One &amp; all<' in two
     assert "<title>One &amp; all</title>" in one and one.count("<math") == 2 and "\\begin" not in one
     assert 'alt="Figure: a curve."' in one and "IntSlider(" not in one
+    assert 'alt="A film &lt;here&gt;" src="data:image/gif;base64,R0lG' in one
     assert "<pre>smoke\n</pre>" in two
 
     with open_page(tmp_path) as page:
         page.send("Page.navigate", url=(book / "00_one.html").as_uri())
         wait("the page is drawn", lambda: page.js("document.readyState == 'complete' && document.images.length"))
-        assert page.js("document.images[0].naturalWidth") > 300
+        assert page.js("document.images[0].naturalWidth") == 2, "the film is drawn"
+        assert page.js("document.images[1].naturalWidth") > 300
         assert page.js("document.querySelector('mtr').getBoundingClientRect().width") > 10, "the formula is drawn"
         assert {url.split(":")[0] for url in page.requests} <= {"file", "data"} and page.complaints == []
 
