@@ -1,5 +1,6 @@
 """The exercises of the course: every solution is right, every typical mistake gets its own hint, and nothing raises."""
 
+import re
 from pathlib import Path
 
 import nbformat
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from autonerf_lab import course
-from autonerf_lab.course.exercise import OPEN, RIGHT, WRONG, Case, Exercise, Mistake
+from autonerf_lab.course.exercise import OPEN, RIGHT, WRONG, Case, Exercise, Mistake, Verdict
 from autonerf_lab.errors import UnknownNameError
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
@@ -48,6 +49,13 @@ def test_whatever_is_handed_over_gets_an_answer(exercise):
     assert EVIL not in verdict._repr_html_() and "&lt;img" in verdict._repr_html_()
     assert exercise.check(3.5).status == exercise.check("text").status == WRONG
     assert exercise.check(lambda *args: EVIL).status == exercise.check(lambda *args: object()).status == WRONG
+
+
+def test_names_are_shown_as_code():
+    shown = [Verdict("one", WRONG, text)._repr_html_() for text in ("use `there`, `<b>`", "one ` alone")]
+    assert "use <code>there</code>, <code>&lt;b&gt;</code><" in shown[0] and "one ` alone<" in shown[1]
+    texts = [text for one in EXERCISES for text in (one.question, *(mistake.hint for mistake in one.mistakes))]
+    assert not [text for text in texts if "`" in re.sub("`[^`]+`", "", text)]
 
 
 @pytest.mark.parametrize("name", course.EXERCISES)

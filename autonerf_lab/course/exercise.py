@@ -7,6 +7,7 @@ any other wrong answer is shown the first case it fails in.
 import copy
 import html
 import inspect
+import re
 import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -61,10 +62,11 @@ class Verdict:
 
     def _repr_html_(self) -> str:
         color = _COLORS[self.status]
+        text = re.sub("`([^`]+)`", r"<code>\1</code>", html.escape(self.text))
         return (
             f'<div style="border-left: 5px solid {color}; padding: 2px 10px">'
             f"<b>{html.escape(self.exercise)}: {self.status}</b><br>"
-            f'<span style="white-space: pre-wrap">{html.escape(self.text)}</span></div>'
+            f'<span style="white-space: pre-wrap">{text}</span></div>'
         )
 
 

@@ -122,7 +122,7 @@ UTILITY = Exercise(
 
 CHANCES = Exercise(
     "03-chances",
-    "The chance of each block, like scores: softmax over the blocks that hold a place, 0 for the others.",
+    "The chance of each block, like `scores`: softmax over the blocks that hold a place, 0 for the others.",
     (
         Case("scores of 0, ln 2 and ln 5, all there", (np.log([1.0, 2.0, 5.0]), _ALL), np.array([0.125, 0.25, 0.625])),
         Case(
@@ -138,7 +138,7 @@ CHANCES = Exercise(
     ),
     chances,
     (
-        Mistake("A block where the robot cannot be must have no chance; see there.", lambda s, t: _softmax(s)),
+        Mistake("A block where the robot cannot be must have no chance: use `there`.", lambda s, t: _softmax(s)),
         Mistake(
             "A score of 0 is not a chance of 0: exp(0) is 1. Take away the weights, after exp.",
             lambda s, t: _softmax(s * t),

@@ -54,7 +54,7 @@ _GHOST = np.array([[0.0, 0, 0], [0, 0, 1.0]])
 
 CROSSING = Exercise(
     "11-crossing",
-    "How far from node a to node b, 0 to 1, a quantity that changes evenly between them takes the value level.",
+    "How far from node a to node b, 0 to 1, a quantity that changes evenly between them takes the value `level`.",
     (
         Case("0 and 1, at 0.5", (0.0, 1.0, 0.5), 0.5),
         Case("0.2 and 0.6, at 0.5", (0.2, 0.6, 0.5), 0.75),
