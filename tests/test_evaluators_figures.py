@@ -6,6 +6,7 @@ import pytest
 import toy_scene
 import trimesh
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 from autonerf_lab.evaluators.maps import CellState
 from autonerf_lab.evaluators.planning import Episode, Tasks
@@ -114,6 +115,18 @@ def test_traces_show_which_cameras_converged():
     assert [line.get_color() for line in lines] == [figures.BLUE, figures.ORANGE, figures.BLUE]
     assert lines[1].get_ydata()[-1] == pytest.approx(np.degrees(0.08)) and "converged (2)" in words(figure)
     assert moved.lines[1].get_ydata()[0] == pytest.approx(50), "millimetres"
+
+
+def test_errors_of_one_decade_or_two_have_plain_labels():
+    figure = Figure()
+    ax = figure.subplots()
+    ax.semilogy([0.4, 30.0])
+    ax.set_ylim(0.4, 30.0)
+    figures.plain_log(ax.yaxis)
+    figure.canvas.draw()
+    low, high = ax.get_ylim()
+    labels = [label for label in ax.get_yticklabels(which="both") if low <= label.get_position()[1] <= high]
+    assert [label.get_text() for label in labels if label.get_text()] == ["0.5", "1", "2", "5", "10", "20"]
 
 
 @pytest.mark.parametrize("classes", [True, False])

@@ -97,6 +97,9 @@ def test_a_click_on_a_map_moves_the_start_and_the_next_one_the_goal(tmp_path: Pa
         readouts = f"[...{SLIDER}.closest('.jp-OutputArea-output').querySelectorAll('.widget-readout')]"
         values = f"{readouts}.map(shown => parseFloat(shown.textContent.replace('−', '-')))"
         assert page.js(values)[:4] == [-2.0, -1.5, 2.0, -1.5]
+        assert page.js(f"{IMAGE}.clientWidth <= {IMAGE}.naturalWidth"), "a stretched picture is blurred"
+        box = f"{IMAGE}.parentElement"
+        assert page.js(f"{box}.scrollWidth == {box}.clientWidth"), "nothing to be scrolled sideways"
         for first in (0, 2):
             before = picture(page)
             page.js(f"{IMAGE}.scrollIntoView({{block: 'center'}})")

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.course.ends import Ends
@@ -20,7 +19,7 @@ from autonerf_lab.geometry import planar_from_pose, planar_pose, world_to_cell
 from autonerf_lab.planning import descend, travel_distance
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.trajectory import Trajectory
-from autonerf_lab.viz.figures import BLUE, ORANGE, SKY
+from autonerf_lab.viz.figures import BLUE, ORANGE, SKY, plain_log
 from autonerf_lab.viz.map_figures import draw_robot
 from autonerf_lab.viz.training_figures import running_mean
 
@@ -79,9 +78,7 @@ class Training(Background):
         loss.set_ylabel("loss", color=ORANGE)
         if min(self.loss, default=0) > 0:
             loss.set_yscale("log")
-            loss.yaxis.set_major_formatter("{x:g}")
-            loss.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            loss.yaxis.set_minor_formatter(NullFormatter())
+            plain_log(loss.yaxis)
         for ax, image, title in ((shown, self._view(), f"step {len(steps)}"), (true, self._truth, "a camera")):
             ax.imshow(np.clip(image, 0, 1) if image.dtype != np.uint8 else image)
             ax.set(xticks=[], yticks=[], title=title)

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from autonerf_lab.viz.alternatives import describe
-from autonerf_lab.viz.extras import optional
+from autonerf_lab.viz.extras import OWN_SIZE, optional
 
 _DPI = 80
 
@@ -25,7 +25,7 @@ class Live(ABC):
 
     def __init__(self) -> None:
         self.widgets = optional("ipywidgets", "notebooks")
-        self._shown = self.widgets.Image(format="png", layout={"max_width": "100%"})
+        self._shown = self.widgets.Image(format="png", layout=OWN_SIZE)
 
     @abstractmethod
     def figure(self) -> Figure:

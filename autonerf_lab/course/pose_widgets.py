@@ -4,13 +4,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
 
 from autonerf_lab.course.live import Live
 from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.pose_refinement import CONVERGED_DEG, CONVERGED_M, pose_errors
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.viz.figures import BLUE, ORANGE
+from autonerf_lab.viz.figures import BLUE, ORANGE, plain_log
 
 _FLOOR = 1e-3  # degrees and millimetres, where the curves of the errors end
 
@@ -80,7 +79,6 @@ class Refining(Live):
             ax.plot(self.iteration.value, max(errors[self.iteration.value], _FLOOR), "o", color=ORANGE)
             ax.axhline(limit, color="black", linestyle="--", linewidth=0.8)
             ax.set(xlabel="iteration", ylabel=unit)
-            ax.yaxis.set_major_formatter(LogFormatter())
-            ax.yaxis.set_minor_formatter(LogFormatter())
+            plain_log(ax.yaxis)
             ax.set_title(title.format(errors[self.iteration.value]), fontsize=10)
         return figure

@@ -5,6 +5,8 @@ from typing import Any
 
 from autonerf_lab.errors import MissingPackageError
 
+OWN_SIZE = {"max_width": "100%", "align_self": "flex-start", "margin": "0"}  # an ipywidgets image, not stretched
+
 
 def optional(module: str, extra: str) -> Any:
     """Import a package that belongs to an extra.

@@ -12,7 +12,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FormatStrFormatter, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from autonerf_lab.classes import CLASS_COLORS, CLASS_NAMES, colorize
 from autonerf_lab.evaluators.maps import CellState
@@ -21,6 +21,7 @@ from autonerf_lab.evaluators.pose_refinement import CONVERGED_DEG, CONVERGED_M, 
 if TYPE_CHECKING:
     import trimesh
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
     from autonerf_lab.evaluators.truth import Grid
     from autonerf_lab.scenes.scene import Scene
@@ -31,6 +32,13 @@ _IGNORED, _FREE, _OCCUPIED = "#B8B8B8", "#FFFFFF", "#303030"
 
 def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def plain_log(axis: "Axis") -> None:
+    """Label a logarithmic axis with 1, 2 and 5 of each decade, in plain numbers: errors span one decade or two."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def nothing(text: str = "this task could not be computed") -> Figure:
@@ -245,8 +253,7 @@ def refinement_trace(artifact: dict[str, Any]) -> Figure:
             )
         ax.axhline(limit, color="k", linestyle="--", linewidth=0.8)
         ax.set_title(f"{name} error", fontsize=10)
-        ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-        ax.yaxis.set_minor_formatter(NullFormatter())
+        plain_log(ax.yaxis)
         ax.set_xlabel("iteration", fontsize=8)
         ax.set_ylabel(unit, fontsize=8)
         ax.tick_params(labelsize=7)

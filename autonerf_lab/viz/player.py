@@ -14,7 +14,7 @@ from autonerf_lab import storage
 from autonerf_lab.errors import DataError
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.trajectory import Trajectory
-from autonerf_lab.viz.extras import optional
+from autonerf_lab.viz.extras import OWN_SIZE, optional
 from autonerf_lab.viz.player_page import page, player
 from autonerf_lab.viz.retrace import PALETTE, Retraced, retrace
 from autonerf_lab.viz.video import save_film
@@ -91,7 +91,7 @@ class Player:
         clock = widgets.Play(min=0, max=last, interval=1000 // FPS, description="play")
         slider = widgets.IntSlider(min=0, max=last, description="frame", layout={"width": "60%"})
         widgets.jslink((clock, "value"), (slider, "value"))
-        shown = widgets.Image(value=_jpeg(self.picture(0)), format="jpeg", layout={"max_width": "100%"})
+        shown = widgets.Image(value=_jpeg(self.picture(0)), format="jpeg", layout=OWN_SIZE)
         slider.observe(lambda change: setattr(shown, "value", _jpeg(self.picture(change["new"]))), "value")
         return widgets.VBox([shown, widgets.HBox([clock, slider])])
 
