@@ -46,24 +46,22 @@ def main() -> None:
     parser.add_argument("kept", type=Path, help="where to keep it")
     arguments = parser.parse_args()
     results = load_results(arguments.run)
-    outcomes = results.outcomes()
-    finished = sum(outcome.finished for outcome in outcomes)
-    if finished < len(results.grid.cells()):
-        sys.exit(f"{finished} of {len(results.grid.cells())} cells are finished: run the grid to its end first")
+    found = collect(results)
+    finished = sum(outcome.finished for outcome in found.outcomes)
+    if finished < found.asked:
+        sys.exit(f"{finished} of {found.asked} cells are finished: run the grid to its end first")
 
     (arguments.kept / "cells").mkdir(parents=True, exist_ok=True)
     for name in ["grid.json", *(f"cells/{cell.name}.json" for cell in results.grid.cells())]:
         shutil.copyfile(results.path / name, arguments.kept / name)
-    kept = load_results(arguments.kept)
-    for file in publish(kept):
+    for file in publish(load_results(arguments.kept)):
         if file.name == NOT_KEPT:
             file.unlink()
-    found = collect(kept)
-    scores_over_policies(found).savefig(kept.path / "scores.png", dpi=70)
-    coverage_curves(found).savefig(kept.path / "curves.png", dpi=70)
-    walks(results).savefig(kept.path / "walks.jpg", dpi=110)
+    scores_over_policies(found).savefig(arguments.kept / "scores.png", dpi=70)
+    coverage_curves(found).savefig(arguments.kept / "curves.png", dpi=70)
+    walks(results).savefig(arguments.kept / "walks.jpg", dpi=110)
 
-    seconds = [sum(stage["seconds"] for stage in outcome.stages.values()) for outcome in outcomes if outcome.stages]
+    seconds = [outcome.seconds for outcome in found.outcomes]
     print(f"{len(seconds)} cells; {np.median(seconds):.0f} s each (median), {sum(seconds) / 3600:.1f} h in all")
 
 
