@@ -76,8 +76,10 @@ def for_pages(notebook: NotebookNode) -> NotebookNode:
             cell.outputs = [output for output in cell.outputs if WIDGET not in output.get("data", {})]
             for output in cell.outputs:
                 if GIF in output.get("data", {}):
-                    alt = html.escape(output.metadata.get(GIF, {}).get("alt", ""))
-                    output.data["text/html"] = f'<img alt="{alt}" src="data:{GIF};base64,{output.data[GIF].strip()}">'
+                    source = f"data:{GIF};base64,{output.data[GIF].strip()}"
+                    shown = {"alt": "", **output.metadata.get(GIF, {}), "src": source}  # alt and width, as in Jupyter
+                    attributes = " ".join(f'{name}="{html.escape(str(value))}"' for name, value in shown.items())
+                    output.data["text/html"] = f"<img {attributes}>"
     return notebook
 
 

@@ -25,7 +25,7 @@ fig, ax = plt.subplots()
 ax.set_title("a curve")
 display(ipywidgets.IntSlider())
 Image.new("RGB", (2, 2)).save(film := io.BytesIO(), "gif")
-display(Show(film.getvalue(), format="gif", alt="A film <here>"))
+display(Show(film.getvalue(), format="gif", width=20, alt="A film <here>"))
 """
 
 
@@ -79,6 +79,7 @@ def test_pages_are_linked_and_load_nothing(build, tmp_path, notebooks):
         page.send("Page.navigate", url=(book / "00_one.html").as_uri())
         wait("the page is drawn", lambda: page.js("document.readyState == 'complete' && document.images.length"))
         assert page.js("document.images[0].naturalWidth") == 2, "the film is drawn"
+        assert page.js("document.images[0].clientWidth") == 20, "as large as in Jupyter"
         assert page.js("document.images[1].naturalWidth") > 300
         assert page.js("document.querySelector('mtr').getBoundingClientRect().width") > 10, "the formula is drawn"
         assert {url.split(":")[0] for url in page.requests} <= {"file", "data"} and page.complaints == []
