@@ -79,7 +79,7 @@ def test_it_learns_the_way(monkeypatch):
     scene = toy_scene.of_toy(toy_scene.empty_room(3.0, 3.0))
     monkeypatch.setattr(shortest_way, "PASSES", 10)  # over few episodes
     torch.manual_seed(0)
-    network = GoalNetwork()
+    network = GoalNetwork().to(memory_format=torch.channels_last)  # as in a training: half the time
     lost = reach_goals(network, scene, 20)
     settings = settings_of(POINTGOAL, demonstrations=120, environments=4)
     shortest_way.learn_the_way(network, lambda: PointGoalEnv(scene=scene, max_steps=60), settings)
