@@ -109,7 +109,7 @@ def test_looking_out_from_inside_an_object_sees_its_inside(sim):
 def test_cast_scales_with_the_direction():
     caster = RayCaster(np.array([[[2, -1, -1], [2, 3, -1], [2, -1, 3]]], np.float32))
     hits = caster.cast(np.zeros((3, 3)), np.array([[1, 0, 0], [0.5, 0, 0], [-1, 0, 0]]))
-    assert hits.t.tolist() == [2, 4, np.inf]
+    np.testing.assert_allclose(hits.t, [2, 4, np.inf], rtol=1e-6)  # processors round the last bit as they like
     assert hits.face.tolist() == [0, 0, -1]
 
 

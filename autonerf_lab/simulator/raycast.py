@@ -27,7 +27,7 @@ class RayCaster:
     Example:
         >>> caster = RayCaster(np.array([[[0, 0, 1], [1, 0, 1], [0, 1, 1]]], np.float32))
         >>> hits = caster.cast(np.array([[0.2, 0.2, 0], [5, 5, 0]]), np.array([[0, 0, 0.5], [0, 0, 1]]))
-        >>> hits.t, hits.face
+        >>> hits.t.round(3), hits.face
         (array([ 2., inf], dtype=float32), array([ 0, -1], dtype=int32))
     """
 
