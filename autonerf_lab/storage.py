@@ -119,8 +119,15 @@ def write_arrays(path: str | Path, arrays: dict[str, np.ndarray], header: dict[s
 
     Raises:
         DataError: not writable.
+
+    Example:
+        >>> import tempfile; path = Path(tempfile.mkdtemp()) / "a.safetensors"
+        >>> write_arrays(path, {"turned": np.array([[1, 2, 3], [4, 5, 6]]).T})
+        >>> read_arrays(path)[0]["turned"].tolist()
+        [[1, 4], [2, 5], [3, 6]]
     """
-    write_bytes(path, save(arrays, None if header is None else {"header": json.dumps(header)}))
+    in_rows = {name: np.asarray(array, order="C") for name, array in arrays.items()}  # what `save` takes for granted
+    write_bytes(path, save(in_rows, None if header is None else {"header": json.dumps(header)}))
 
 
 def read_arrays(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -152,6 +152,8 @@ def test_stopped_and_continued_it_ends_with_the_same_bits(name, settings, last, 
     assert all(np.array_equal(before[name], after[name]) for name in before)
     assert (tmp_path / "whole/curve.csv").read_text() == (tmp_path / "parts/curve.csv").read_text()
     assert np.abs(after[f"{last}.weight"]).max() > 0  # it has learned something
+    kept = load_file(tmp_path / "parts" / train.CHECKPOINT)
+    assert all(np.array_equal(kept[f"parameter/{name}"].astype(np.float16), value) for name, value in after.items())
 
     with pytest.raises(RunFolderError, match=r"checkpoint.*\(lr differ\)"):
         train.train_policy(name, tmp_path / "parts", replace(settings, lr=2e-3), workers=1, progress=False)
