@@ -40,7 +40,7 @@ class _Networked(BasePolicy):
         use_sde: bool = False,
     ) -> None:
         BasePolicy.__init__(self, observation_space, action_space)  # that of an actor-critic would make other networks
-        # Channels last: gradients of convolutions in half the time.
+        # Channels last: gradients of convolutions in half the time. (torch's annotations do not know the keyword.)
         self.network: torch.nn.Module = network().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=lr_schedule(1), eps=1e-5)
 
