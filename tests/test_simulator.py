@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_scene import closet, empty_room, two_rooms
+from toy_scene import closet, empty_room, two_rooms, uneven_floor
 
 from autonerf_lab.errors import SceneError, UnknownNameError
-from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, planar_pose, so3_exp
+from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, planar_pose, so3_exp, world_to_cell
 from autonerf_lab.scenes import Scene, generate_apartment
 from autonerf_lab.scenes.build import build
 from autonerf_lab.simulator import Noise, RayCaster, Simulator
@@ -130,6 +130,26 @@ def test_navigable_area_of_an_empty_room():
     nav = Simulator(empty_room(4, 3), Intrinsics.from_fov(8, 8)).navigation
     inner = (4 - 2 * 0.18) * (3 - 2 * 0.18)
     assert 0.95 * inner < nav.area <= inner
+
+
+@pytest.mark.parametrize(
+    ("height", "run", "fits"),
+    [
+        (-0.15, 0.0, True),  # a dip
+        (-0.25, 0.0, False),  # a pit
+        (0.04, 0.0, True),
+        (0.08, 0.0, False),  # a step
+        (0.15, 0.30, True),  # a bump, 27 degrees
+        (0.15, 0.10, False),  # 56 degrees
+        (0.25, 0.60, False),  # a ramp that leads too high
+    ],
+)
+def test_the_robot_drives_where_floors_are_uneven(height, run, fits):
+    ground = Simulator(uneven_floor(height, run), Intrinsics.from_fov(8, 8)).navigation
+    rows, cols = world_to_cell(np.array([(2, 1), (0.5, 1)]), ground.origin, ground.cell).T
+    assert ground.is_navigable(4, 1)
+    assert ground.is_navigable(2, 1) == fits
+    assert ground.navigable[rows, cols].tolist() == [fits, fits], "the far shore is reached over what lies between"
 
 
 def test_scenes_without_ground_are_refused():

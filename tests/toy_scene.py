@@ -8,6 +8,7 @@ y in [2.2, 2.9].
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -111,6 +112,15 @@ def empty_room(width: float = 4.0, depth: float = 3.0) -> ToyScene:
     b = _Builder()
     _room(b, width, depth)
     return b.build("empty")
+
+
+def uneven_floor(height: float, run: float = 0.0) -> ToyScene:
+    """A floor of 5 m x 2 m that is at another height from x = 1 to 3, with slopes of length ``run`` on both sides."""
+    b = _Builder()
+    profile = ((0, 0.0), (1, 0.0), (1 + run, height), (3 - run, height), (3, 0.0), (5, 0.0))
+    for (x0, z0), (x1, z1) in pairwise(profile):
+        b.quad((x0, 0, z0), (x1, 0, z1), (x1, 2, z1), (x0, 2, z0))
+    return b.build("uneven")
 
 
 def closet() -> ToyScene:

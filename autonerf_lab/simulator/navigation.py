@@ -1,7 +1,9 @@
 """Where the robot can stand, and how it slides along what it bumps into.
 
 The robot is a disc. A grid of distances to the nearest obstacle makes both questions easy: the disc fits where the
-distance is at least its radius, and the gradient of the distance says which way an obstacle pushes it.
+distance is at least its radius, and the gradient of the distance says which way an obstacle pushes it. It drives on
+what is level, and, since reconstructed floors sag and bulge, through dips and over bumps: as deep, as high and as steep
+as Habitat's navigation meshes let its robots climb (``agent_max_climb``, ``agent_max_slope``). A step stops it.
 """
 
 from dataclasses import dataclass
@@ -17,7 +19,8 @@ from autonerf_lab.scenes.scene import Scene
 
 CELL = 0.025  # metres
 BODY = (0.05, 1.0)  # metres above the floor: lower things are driven over, higher ones passed under
-_FLOOR_BAND = (-0.04, 0.04)
+_CLIMB = 0.2  # metres above and below z = 0 that floors may reach
+_SLOPE = np.cos(np.deg2rad(45))  # the steepest
 _MARGIN = 0.2  # metres around the scene, so that every obstacle has a cell on its far side
 _SUBSTEP = 0.01
 _MAX_SIDE = 8000  # cells, 200 m
@@ -68,13 +71,20 @@ def build_navigation(scene: Scene, radius: float = AGENT_RADIUS) -> NavigationGr
         raise SceneError(f"scene {scene.name!r} is {(high - low).max():.0f} m long; is it in metres?")
     triangles = scene.vertices[scene.faces].astype(np.float64)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    level = np.abs(normals[:, 2]) > 0.7 * np.linalg.norm(normals, axis=1)
-    floor = occupied_columns(scene.vertices, scene.faces[level], *_FLOOR_BAND, low, CELL, shape)
+    level = np.abs(normals[:, 2]) > _SLOPE * np.linalg.norm(normals, axis=1)
+
+    def columns(faces: np.ndarray, z_min: float, z_max: float) -> np.ndarray:
+        return occupied_columns(scene.vertices, scene.faces[faces], z_min, z_max, low, CELL, shape)
+
+    floor = columns(level, -_CLIMB, _CLIMB)
     if not floor.any():
-        raise SceneError(f"scene {scene.name!r} has no floor: no level surface within 4 cm of z = 0")
+        raise SceneError(f"scene {scene.name!r} has no floor: no level surface within {_CLIMB} m of z = 0")
     # Scans have pinholes and rooms meet with a hair between their floors: neither stops a robot.
     floor |= ndimage.binary_closing(np.pad(floor, 4), iterations=3)[4:-4, 4:-4]
-    free = floor & ~occupied_columns(scene.vertices, scene.faces, *BODY, low, CELL, shape)
+    free = floor & ~columns(~level, *BODY) & ~columns(level, _CLIMB, BODY[1])
+    # A bump is driven over from the floor around it; the top of a low box has steep sides all round.
+    pieces, _ = ndimage.label(free)
+    free &= np.isin(pieces, np.unique(pieces[free & ~columns(level, BODY[0], _CLIMB)]))
     # To the edge of the obstacle's cell, not to its centre: the disc then never touches the obstacle itself.
     distance = np.maximum(ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1] * CELL - CELL / 2, 0)
     regions, count = ndimage.label(distance >= radius)
