@@ -145,11 +145,22 @@ def test_navigable_area_of_an_empty_room():
     ],
 )
 def test_the_robot_drives_where_floors_are_uneven(height, run, fits):
-    ground = Simulator(uneven_floor(height, run), Intrinsics.from_fov(8, 8)).navigation
+    profile = ((0, 0.0), (1, 0.0), (1 + run, height), (3 - run, height), (3, 0.0), (5, 0.0))
+    ground = Simulator(uneven_floor(*profile), Intrinsics.from_fov(8, 8)).navigation
     rows, cols = world_to_cell(np.array([(2, 1), (0.5, 1)]), ground.origin, ground.cell).T
     assert ground.is_navigable(4, 1)
     assert ground.is_navigable(2, 1) == fits
     assert ground.navigable[rows, cols].tolist() == [fits, fits], "the far shore is reached over what lies between"
+
+
+@pytest.mark.parametrize(("gap", "fits"), [(0.2, True), (0.3, False)])
+def test_the_robot_spans_what_is_missing_of_a_floor(gap, fits):
+    nothing = float("nan")
+    profile = ((0, 0.0), (1, 0.0), (1, nothing), (1 + gap, nothing), (1 + gap, 0.0), (5, 0.0))
+    ground = Simulator(uneven_floor(*profile), Intrinsics.from_fov(8, 8)).navigation
+    rows, cols = world_to_cell(np.array([(1 + gap / 2, 1), (0.5, 1)]), ground.origin, ground.cell).T
+    assert ground.is_navigable(4, 1)
+    assert ground.navigable[rows, cols].tolist() == [fits, fits]
 
 
 def test_scenes_without_ground_are_refused():

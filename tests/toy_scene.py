@@ -114,12 +114,12 @@ def empty_room(width: float = 4.0, depth: float = 3.0) -> ToyScene:
     return b.build("empty")
 
 
-def uneven_floor(height: float, run: float = 0.0) -> ToyScene:
-    """A floor of 5 m x 2 m that is at another height from x = 1 to 3, with slopes of length ``run`` on both sides."""
+def uneven_floor(*profile: tuple[float, float]) -> ToyScene:
+    """A floor 2 m wide that changes its height along x: corners (x, z), nothing where one is NaN."""
     b = _Builder()
-    profile = ((0, 0.0), (1, 0.0), (1 + run, height), (3 - run, height), (3, 0.0), (5, 0.0))
     for (x0, z0), (x1, z1) in pairwise(profile):
-        b.quad((x0, 0, z0), (x1, 0, z1), (x1, 2, z1), (x0, 2, z0))
+        if np.isfinite([z0, z1]).all():
+            b.quad((x0, 0, z0), (x1, 0, z1), (x1, 2, z1), (x0, 2, z0))
     return b.build("uneven")
 
 

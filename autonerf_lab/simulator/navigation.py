@@ -21,6 +21,7 @@ CELL = 0.025  # metres
 BODY = (0.05, 1.0)  # metres above the floor: lower things are driven over, higher ones passed under
 _CLIMB = 0.2  # metres above and below z = 0 that floors may reach
 _SLOPE = np.cos(np.deg2rad(45))  # the steepest
+_SPAN = 0.25  # metres of floor that may be missing, two thirds of the robot
 _MARGIN = 0.2  # metres around the scene, so that every obstacle has a cell on its far side
 _SUBSTEP = 0.01
 _MAX_SIDE = 8000  # cells, 200 m
@@ -79,8 +80,9 @@ def build_navigation(scene: Scene, radius: float = AGENT_RADIUS) -> NavigationGr
     floor = columns(level, -_CLIMB, _CLIMB)
     if not floor.any():
         raise SceneError(f"scene {scene.name!r} has no floor: no level surface within {_CLIMB} m of z = 0")
-    # Scans have pinholes and rooms meet with a hair between their floors: neither stops a robot.
-    floor |= ndimage.binary_closing(np.pad(floor, 4), iterations=3)[4:-4, 4:-4]
+    # Scans have holes and rooms meet with a hair between their floors: what the robot spans does not stop it.
+    reach = round(_SPAN / 2 / CELL)
+    floor |= ndimage.binary_closing(np.pad(floor, reach), iterations=reach)[reach:-reach, reach:-reach]
     free = floor & ~columns(~level, *BODY) & ~columns(level, _CLIMB, BODY[1])
     # A bump is driven over from the floor around it; the top of a low box has steep sides all round.
     pieces, _ = ndimage.label(free)
