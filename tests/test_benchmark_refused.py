@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 
 import fake_cell
 import pytest
@@ -12,6 +13,7 @@ from autonerf_lab.benchmark.collect import collect
 from autonerf_lab.benchmark.grid import load_grid
 from autonerf_lab.benchmark.identity import identity
 from autonerf_lab.benchmark.results import open_results
+from autonerf_lab.config import PRESETS
 from autonerf_lab.errors import AutoNerfError, DataError, MissingPackageError, RunFolderError, UnknownNameError
 from autonerf_lab.evaluators import finetuning
 
@@ -93,6 +95,18 @@ def test_finetuning_needs_its_weights_and_its_packages(tmp_path, monkeypatch):
     assert not (tmp_path / "out").exists()
     monkeypatch.undo()
     assert "PointGoal" not in identity(GRID)["weights"]
+
+
+def test_sizes_of_what_is_not_asked_for_do_not_count(monkeypatch):
+    def sizes(optional):
+        return identity(replace(GRID, optional=optional))["sizes"]
+
+    plain, tuned = sizes(()), sizes(("finetuning",))
+    other = replace(PRESETS[GRID.preset], finetuning_lr=1e-3)
+    monkeypatch.setitem(PRESETS, GRID.preset, other)
+    assert sizes(()) == plain and sizes(("finetuning",)) != tuned
+    monkeypatch.setitem(PRESETS, GRID.preset, replace(other, test_poses=9))
+    assert sizes(()) != plain
 
 
 BEHIND = [

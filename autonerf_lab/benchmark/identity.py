@@ -43,16 +43,18 @@ def identity(grid: Grid, lpips: str | None = None) -> dict[str, Any]:
 
         weights[POINTGOAL] = weights_sha256(str(PRETRAINED))
     files = {name: Path(name) if is_path(name) else folder() / f"{name}.json" for name in grid.scenes}
-    size, models = preset(grid.preset), available()
+    models, size = available(), asdict(preset(grid.preset))
+    if "finetuning" not in grid.optional:
+        size = {key: value for key, value in size.items() if not key.startswith("finetuning_")}
     return {
         **{key: list(value) if isinstance(value, tuple) else value for key, value in asdict(grid).items()},
         "weights": {name: sha256 for name, sha256 in weights.items() if sha256 is not None},
         "scene_files": {label(name): _sha256(file.read_bytes()) for name, file in files.items() if file.is_file()},
-        "sizes": {size.name: _fields(size)},
+        "sizes": {size["name"]: _fields(size)},
         "settings": {
-            name: _fields(models[name].settings[size.name])
+            name: _fields(asdict(models[name].settings[size["name"]]))
             for name in grid.models
-            if name in models and size.name in models[name].settings
+            if name in models and size["name"] in models[name].settings
         },
     }
 
@@ -95,9 +97,9 @@ def _behind(key: str, kept: Mapping[str, str], asked: Mapping[str, str]) -> Iter
             yield f"{key.replace('_', ' ')} of {name}: {one}, not {other}"
 
 
-def _fields(settings: Any) -> str:
-    """Of a dataclass; what JSON has no word for counts by the name of its kind, which a new process says too."""
-    plain = json.dumps(asdict(settings), sort_keys=True, default=lambda value: type(value).__qualname__)
+def _fields(settings: Mapping[str, Any]) -> str:
+    """What JSON has no word for counts by the name of its kind, which a new process says too."""
+    plain = json.dumps(settings, sort_keys=True, default=lambda value: type(value).__qualname__)
     return _sha256(plain.encode())
 
 
