@@ -8,8 +8,8 @@ of the goal, ``SPL = mean of S l / max(p, l)`` with p the way that was walked an
 judged alone: one that fails takes nothing from the others.
 
 The paper fine-tuned for ten million frames, at a learning rate of 2.5e-6 in the mesh and ten times that in the true
-scene. So does the preset ``paper``; the others have as many frames as they can afford, and larger steps. Frames, hours
-and learning rates are kept with the scores (``scores.details``).
+scene. So does the preset ``paper``; ``fast`` has a tenth of the frames, and larger steps in the true scene. Frames,
+hours and learning rates are kept with the scores (``scores.details``).
 """
 
 import tempfile
