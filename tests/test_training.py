@@ -131,6 +131,7 @@ def weights_of(path):
     ],
 )
 def test_stopped_and_continued_it_ends_with_the_same_bits(name, settings, last, tmp_path, monkeypatch):
+    monkeypatch.setattr(train, "ANEW_EVERY", 2)  # of goals: the third rollout begins between episodes
     whole = train.train_policy(name, tmp_path / "whole", settings, workers=1, progress=False)
     monkeypatch.setattr(train, "SAVE_EVERY", 0.0)
     finished = train.Run._on_rollout_end
@@ -160,6 +161,22 @@ def test_stopped_and_continued_it_ends_with_the_same_bits(name, settings, last, 
     (tmp_path / "parts" / train.CHECKPOINT).write_bytes(b"\x10\0\0\0\0\0\0\0 not safetensors")
     with pytest.raises(DataError, match=r"checkpoint.safetensors is damaged"):
         train.train_policy(name, tmp_path / "parts", settings, workers=1, progress=False)
+
+
+def test_episodes_that_outlast_a_rollout_are_walked_and_counted_to_their_end(tmp_path, monkeypatch):
+    settings = replace(TO_GOALS, frames=256, rollout=4, batch=8, episode=6, demonstrations=0)
+    ended: list[dict] = []
+    told = train.Run._tell
+
+    def listen(run):
+        ended.extend(info for _, info in run._ended)
+        told(run)
+
+    monkeypatch.setattr(train.Run, "_tell", listen)
+    train.train_policy("pointgoal", tmp_path, settings, workers=1, progress=False)
+    out_of_steps = [info for info in ended if info["TimeLimit.truncated"]]
+    assert len(out_of_steps) >= 3  # one who acts at random does not stop in 6 steps once in 6
+    assert len(out_of_steps) < len(ended)
 
 
 def test_a_number_that_is_not_finite_stops_it_and_leaves_the_checkpoint(tmp_path, monkeypatch):

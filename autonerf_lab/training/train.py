@@ -47,6 +47,7 @@ from autonerf_lab.training.workers import WorkerPool
 
 CHECKPOINT = "checkpoint.safetensors"
 SAVE_EVERY = 60.0  # seconds between two checkpoints
+ANEW_EVERY = 16  # rollouts after which episodes that end one by one begin anew, so that there is a moment between them
 _OF_REWARD = "reward/"  # begins the names of its arrays in a checkpoint
 
 
@@ -150,8 +151,7 @@ class Run(BaseCallback):
             self.curve, self.episode, self.seconds = header["curve"], header["episode"], header["seconds"]
             self.frames = header["frames"]
             self.model.num_timesteps, self.model._n_updates = header["timesteps"], header["updates"]
-            if self.aligned:
-                self.pool.begin(self.episode)
+            self.pool.begin(self.episode if self.aligned else self._steps)
         except (KeyError, TypeError, ValueError) as error:
             raise _damaged(self.folder / CHECKPOINT, error) from error
 
@@ -172,8 +172,8 @@ class Run(BaseCallback):
         self._saved = time.perf_counter()
 
     def finish(self) -> None:
-        """Keep the end of a training, where it is that of an episode too: it may be given more frames."""
-        if self._between_episodes:
+        """Keep the end of a training: it may be given more frames, unless it is amid episodes that end together."""
+        if self._between_episodes or not self.aligned:
             self.save()
 
     def _on_training_start(self) -> None:
@@ -187,22 +187,31 @@ class Run(BaseCallback):
         np.random.seed(int(words[1]))  # noqa: NPY002 - the minibatches of Stable-Baselines3
         if not all(torch.isfinite(value).all() for value in network_of(self.model).parameters()):
             raise TrainingError(f"a parameter is not finite after {self.frames} frames; {self._kept()}")
-        if not self.aligned:
+        if self._anew:
             self._begin_anew()
         if self._between_episodes and time.perf_counter() - self._saved >= SAVE_EVERY:
             self.save()
 
     def _begin_anew(self) -> None:
-        """Where episodes end one by one, all begin anew with each rollout, so that there is a moment between them."""
-        self.pool.begin(self.model.num_timesteps // self.settings.environments)  # no rollout has more than steps
+        """Seldom: who is stuck would else be cut off, and neither be counted nor learn its way out."""
+        self.pool.begin(self._steps)
         self.model._last_obs = self.pool.reset()
         self.model._last_episode_starts = np.ones(self.settings.environments, bool)
         self._sums[:] = 0
 
     @property
+    def _steps(self) -> int:
+        """Steps of every environment; none has begun as many episodes."""
+        return self.model.num_timesteps // self.settings.environments
+
+    @property
+    def _anew(self) -> bool:
+        return not self.aligned and self._steps % (ANEW_EVERY * self.settings.rollout) == 0
+
+    @property
     def _between_episodes(self) -> bool:
-        # where they end one by one, the next rollout would begin anew
-        return self.model.num_timesteps > 0 and (not self.aligned or bool(np.all(self.model._last_episode_starts)))
+        ended = bool(np.all(self.model._last_episode_starts)) if self.aligned else self._anew
+        return self.model.num_timesteps > 0 and ended
 
     def _on_step(self) -> bool:
         self._sums += self.locals["rewards"] / self.settings.scale
