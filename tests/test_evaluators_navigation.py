@@ -7,9 +7,10 @@ import trimesh
 
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.evaluators import METRICS, TrueField, evaluate
-from autonerf_lab.evaluators.navigation import Walk, draw_episodes, evaluate_navigation, mesh_scene, walk_to
+from autonerf_lab.evaluators.navigation import Walk, draw_episodes, evaluate_navigation, lay_floor, mesh_scene, walk_to
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.simulator.navigation import build_navigation
 from autonerf_lab.viz.navigation_figures import walked_paths
 
 CAMERA = Intrinsics.from_fov(64, 64)
@@ -40,6 +41,34 @@ def test_a_mesh_comes_back_to_where_it_was(sim):
     np.testing.assert_allclose(scene.bounds, sim.scene.bounds, atol=1e-5)
     shifted = as_mesh().apply_translation([10.0, -20.0, 0.0])
     np.testing.assert_allclose(mesh_scene(shifted).bounds, sim.scene.bounds + np.array([10, -20, 0]), atol=1e-4)
+
+
+def test_the_floor_is_laid_where_rays_came(sim):
+    """A room without a floor, but with a pit, a bump and a stool: it has one where a camera saw it; the stool stays."""
+    bump, stool = ([1.0, 1.0, 0.0], [1.2, 1.2, 0.15]), ([2.0, 1.2, 0.0], [2.3, 1.5, 0.4])
+    pit, other_room = ([3.0, 0.2, -0.5], [3.5, 0.7, -0.4]), ([4.1, 0.0, -0.1], [8.0, 3.0, 0.0])
+    bare = as_mesh()
+    bare.update_faces(np.abs(bare.triangles_center[:, 2]) > 1e-3)
+    mesh = as_mesh(bump, stool, pit, other_room, scene=bare)
+
+    class Seen:
+        def seen(self, points):
+            np.testing.assert_array_equal(points[:, 2], 0)
+            return (points[:, 0] > 0) & (points[:, 0] < 3.8) & (points[:, 1] > 0) & (points[:, 1] < 2.5)
+
+    laid = lay_floor(mesh, Seen())
+    np.testing.assert_allclose(laid.bounds, mesh.bounds, err_msg="nothing is laid outside of the mesh")
+    low = np.abs(laid.vertices[:, 2]) < 0.2
+    assert (laid.vertices[low, 2] == 0).all() and low.any()
+    places = {"bump": (1.1, 1.1), "pit": (3.25, 0.45), "stool": (2.15, 1.35), "unseen": (3.2, 2.8)}
+    assert fits(sim.scene, places) == {"bump", "pit", "stool", "unseen"}
+    assert fits(mesh_scene(mesh), places) == set()
+    assert fits(mesh_scene(laid), places) == {"bump", "pit"}
+
+
+def fits(scene, places):
+    ground = build_navigation(scene)
+    return {name for name, place in places.items() if ground.is_navigable(*place)}
 
 
 def test_episodes_are_seeded_and_fit_both_places(sim):

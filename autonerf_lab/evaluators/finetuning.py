@@ -1,11 +1,11 @@
 """Task 7, fine-tuning: does practice in the reconstruction help a robot in the real apartment?
 
 After section 5.2 of the paper, "Autonomous adaptation to a new scene". A PointGoal policy sees depth and where the goal
-lies. It was trained in the training apartments, and its weights ship. PPO goes on with it in the mesh of the field,
-which is written and imported as any scan is, and, as a bound that a real robot could not have, in the true scene. All
-three walk the same episodes in the true scene (64 x 64 pixels, at most 500 actions): success S is to stop within 0.36 m
-of the goal, ``SPL = mean of S l / max(p, l)`` with p the way that was walked and l the shortest. Each of the three is
-judged alone: one that fails takes nothing from the others.
+lies. It was trained in the training apartments, and its weights ship. PPO goes on with it in the mesh of the field, the
+floor laid as for task 6, and, as a bound that a real robot could not have, in the true scene. All three walk the same
+episodes in the true scene (64 x 64 pixels, at most 500 actions): success S is to stop within 0.36 m of the goal,
+``SPL = mean of S l / max(p, l)`` with p the way that was walked and l the shortest. Each of the three is judged alone:
+one that fails takes nothing from the others.
 
 The paper fine-tuned for ten million frames, at a learning rate of 2.5e-6 in the mesh and ten times that in the true
 scene. So does the preset ``paper``; ``fast`` has a tenth of the frames, and larger steps in the true scene. Frames,

@@ -1,10 +1,11 @@
 """Task 6, navigation in the mesh: can a robot that moves step by step use the reconstruction as a place to walk in?
 
-After "Navigating inside a NeRF-generated mesh" of the paper's appendix. The mesh of the field is written, imported as
-any scan is, and put back to where it was. The same PointGoal episodes are walked in it and in the true scene: seeded
-starts and goals where the robot fits in both, at least 2 m apart on the shortest true way. The robot begins with an
-empty map, maps the depth it sees (64 x 64 pixels), and follows the local policy's fast marching by forward steps and
-turns. It stops within 0.36 m of the goal, which is success, or fails after 500 steps:
+After "Navigating inside a NeRF-generated mesh" of the paper's appendix. The mesh of the field gets the floor that the
+robot rolled on (:func:`lay_floor`), is written, imported as any scan is, and put back to where it was. The same
+PointGoal episodes are walked in it and in the true scene: seeded starts and goals where the robot fits in both, at
+least 2 m apart on the shortest true way. The robot begins with an empty map, maps the depth it sees (64 x 64 pixels),
+and follows the local policy's fast marching by forward steps and turns. It stops within 0.36 m of the goal, which is
+success, or fails after 500 steps:
 
 * ``no way``: on its map, nothing leads to the goal;
 * ``stuck``: half of its last 50 steps were collisions;
@@ -24,16 +25,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from autonerf_lab.errors import DataError, SceneError
+from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.mesh import export_mesh
 from autonerf_lab.evaluators.result import TaskResult
 from autonerf_lab.geometry import Intrinsics, cell_to_world, planar_pose, world_to_cell
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.mapping.semantic_map import MAP_CELL
+from autonerf_lab.nerf.visibility import VOXEL
 from autonerf_lab.planning.fast_marching import path_length, travel_distance, weighted_success
 from autonerf_lab.planning.local import LocalPolicy
 from autonerf_lab.scenes.scan import import_scene
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.simulator.navigation import CLIMB
 
 if TYPE_CHECKING:
     import trimesh
@@ -66,6 +70,33 @@ class Walk:
     def spl(self) -> float:
         """Success weighted by path length, 0 to 1."""
         return weighted_success(self.success, path_length(self.path), self.shortest)
+
+
+def lay_floor(mesh: "trimesh.Trimesh", field: Field) -> "trimesh.Trimesh":
+    """The reconstruction with the floor that a robot on wheels knows of: the plane z = 0, where its cameras saw it.
+
+    What a field learned from colours makes of a plain floor has bumps, pits and holes that a camera 88 cm above it
+    hardly sees and a robot cannot pass. What lies within 20 cm of the plane, which Habitat's robots climb, is put into
+    it, and where a training ray came as far as the plane, there is floor. Furniture that stands there stays.
+
+    Args:
+        mesh: world frame, metres, not empty.
+        field: it came from, whose :meth:`~autonerf_lab.evaluators.field.Field.seen` says where rays came.
+
+    Returns:
+        Geometry alone, without colours.
+    """
+    import trimesh
+
+    vertices = np.array(mesh.vertices)
+    vertices[np.abs(vertices[:, 2]) < CLIMB, 2] = 0.0
+    x, y = (np.arange(low, high, VOXEL) for low, high in mesh.bounds[:, :2].T)
+    corners = np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1).reshape(-1, 3)
+    corners = corners[field.seen(corners + np.array([VOXEL / 2, VOXEL / 2, 0]))]
+    tiles = corners[:, None] + VOXEL * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    first = len(vertices) + 4 * np.arange(len(tiles))[:, None]
+    faces = np.concatenate([mesh.faces, first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
+    return trimesh.Trimesh(np.concatenate([vertices, tiles.reshape(-1, 3)]), faces, process=False)
 
 
 def mesh_scene(mesh: "trimesh.Trimesh") -> Scene:

@@ -18,7 +18,7 @@ from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.maps import free_scores, occupancy_scores, predict_states
 from autonerf_lab.evaluators.mesh import extract_mesh
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh
-from autonerf_lab.evaluators.navigation import evaluate_navigation
+from autonerf_lab.evaluators.navigation import evaluate_navigation, lay_floor
 from autonerf_lab.evaluators.planning import evaluate_planning, scene_tasks
 from autonerf_lab.evaluators.pose_refinement import Refinement, evaluate_pose_refinement
 from autonerf_lab.evaluators.rendering import evaluate_rendering, sample_test_poses, simulated_views
@@ -123,6 +123,10 @@ class Run:
         field = self.field
         return field.mesh() if isinstance(field, TrueField) else extract_mesh(field, self.preset.mesh_voxel)
 
+    @cached_property
+    def walkable(self) -> "trimesh.Trimesh":
+        return lay_floor(self.surface, self.field) if len(self.surface.faces) else self.surface
+
     def rendering(self) -> TaskResult:
         poses = sample_test_poses(self.sim, self.preset.test_poses, self.seed)
         result = evaluate_rendering(self.field, simulated_views(self.sim, poses), self.tick, self.lpips)
@@ -155,13 +159,13 @@ class Run:
         return evaluate_mesh(self.surface, self.field, self.scene, self.seed)
 
     def navigation(self) -> TaskResult:
-        return evaluate_navigation(self.surface, self.scene, self.preset.planning_starts, self.seed)
+        return evaluate_navigation(self.walkable, self.scene, self.preset.planning_starts, self.seed)
 
     def finetuning(self) -> TaskResult:
         size = self.preset
         rates = {"finetuned": size.finetuning_lr, "finetuned_true_mesh": size.finetuning_lr_true_mesh}
         frames, episodes = size.finetuning_frames, size.finetuning_episodes
-        return finetuning.evaluate_finetuning(self.surface, self.scene, frames, episodes, self.seed, self.keep, rates)
+        return finetuning.evaluate_finetuning(self.walkable, self.scene, frames, episodes, self.seed, self.keep, rates)
 
 
 def run_task(run: Run, name: str) -> tuple[list[Score], TaskResult]:

@@ -19,7 +19,7 @@ from autonerf_lab.scenes.scene import Scene
 
 CELL = 0.025  # metres
 BODY = (0.05, 1.0)  # metres above the floor: lower things are driven over, higher ones passed under
-_CLIMB = 0.2  # metres above and below z = 0 that floors may reach
+CLIMB = 0.2  # metres above and below z = 0 that floors may reach
 _SLOPE = np.cos(np.deg2rad(45))  # the steepest
 _SPAN = 0.25  # metres of floor that may be missing, two thirds of the robot
 _MARGIN = 0.2  # metres around the scene, so that every obstacle has a cell on its far side
@@ -77,16 +77,16 @@ def build_navigation(scene: Scene, radius: float = AGENT_RADIUS) -> NavigationGr
     def columns(faces: np.ndarray, z_min: float, z_max: float) -> np.ndarray:
         return occupied_columns(scene.vertices, scene.faces[faces], z_min, z_max, low, CELL, shape)
 
-    floor = columns(level, -_CLIMB, _CLIMB)
+    floor = columns(level, -CLIMB, CLIMB)
     if not floor.any():
-        raise SceneError(f"scene {scene.name!r} has no floor: no level surface within {_CLIMB} m of z = 0")
+        raise SceneError(f"scene {scene.name!r} has no floor: no level surface within {CLIMB} m of z = 0")
     # Scans have holes and rooms meet with a hair between their floors: what the robot spans does not stop it.
     reach = round(_SPAN / 2 / CELL)
     floor |= ndimage.binary_closing(np.pad(floor, reach), iterations=reach)[reach:-reach, reach:-reach]
-    free = floor & ~columns(~level, *BODY) & ~columns(level, _CLIMB, BODY[1])
+    free = floor & ~columns(~level, *BODY) & ~columns(level, CLIMB, BODY[1])
     # A bump is driven over from the floor around it; the top of a low box has steep sides all round.
     pieces, _ = ndimage.label(free)
-    free &= np.isin(pieces, np.unique(pieces[free & ~columns(level, BODY[0], _CLIMB)]))
+    free &= np.isin(pieces, np.unique(pieces[free & ~columns(level, BODY[0], CLIMB)]))
     # To the edge of the obstacle's cell, not to its centre: the disc then never touches the obstacle itself.
     distance = np.maximum(ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1] * CELL - CELL / 2, 0)
     regions, count = ndimage.label(distance >= radius)

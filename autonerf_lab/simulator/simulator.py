@@ -46,6 +46,10 @@ class _Ground:
         self.classes = np.append(scene.face_class, 0).astype(np.uint8)
         self.instances = np.append(scene.face_instance, 0).astype(np.int32)
 
+    @cached_property
+    def caster(self) -> RayCaster:
+        return RayCaster(self.triangles)  # hundreds of megabytes for a large mesh
+
 
 _grounds: "WeakKeyDictionary[Scene, _Ground]" = WeakKeyDictionary()
 
@@ -92,7 +96,7 @@ class Simulator:
         self.noise = noise or _NO_NOISE
         if scene not in _grounds:
             _grounds[scene] = _Ground(scene)
-        ground = _grounds[scene]
+        self._ground = ground = _grounds[scene]
         self.navigation = ground.navigation
         self._triangles, self._chunks = ground.triangles, ground.chunks
         self._classes, self._instances = ground.classes, ground.instances
@@ -120,10 +124,6 @@ class Simulator:
             48
         """
         return cls(scene, Intrinsics.from_fov(preset.width, preset.height), supersample=preset.supersample)
-
-    @cached_property
-    def _caster(self) -> RayCaster:
-        return RayCaster(self._triangles)
 
     @property
     def pose(self) -> np.ndarray:
@@ -170,7 +170,7 @@ class Simulator:
 
     def cast(self, rays_o: np.ndarray, rays_d: np.ndarray) -> Hits:
         """First hits of arbitrary rays, (N, 3) origins and directions of any length, world frame."""
-        return self._caster.cast(rays_o, rays_d)
+        return self._ground.caster.cast(rays_o, rays_d)
 
     def sample_pose(self, rng: np.random.Generator) -> np.ndarray:
         """(4, 4) camera-to-world pose, uniform over navigable ground and heading."""
