@@ -52,8 +52,8 @@ PRESETS: dict[str, Preset] = {
     preset.name: preset
     for preset in (
         Preset("smoke", 48, 48, 1, 60, 8, 10, 4, 50, 512, 0.05, 100, 2048, 4, 1e-4, 1e-4),
-        # A tenth of the paper's frames of fine-tuning, and larger steps in the true scene; in a mesh they harm
-        Preset("fast", 128, 128, 2, 1500, 100, 100, 20, 200, 1024, 0.025, 2000, 1_000_000, 200, 2.5e-6, 1e-4),
+        # A tenth of the paper's frames of fine-tuning, and larger steps
+        Preset("fast", 128, 128, 2, 1500, 100, 100, 20, 200, 1024, 0.025, 2000, 1_000_000, 200, 1e-4, 1e-4),
         # The paper's mesh has 256 voxels a side, 3 to 5 cm in these apartments: coarser than what a tolerance of 5 cm
         # can tell apart. `upstream_scores` does it that way.
         Preset("paper", 320, 240, 2, 1500, 100, 100, 100, 300, 4096, 0.02, 2000, 10_000_000, 1000, 2.5e-6, 2.5e-5),

@@ -8,8 +8,8 @@ episodes in the true scene (64 x 64 pixels, at most 500 actions): success S is t
 one that fails takes nothing from the others.
 
 The paper fine-tuned for ten million frames, at a learning rate of 2.5e-6 in the mesh and ten times that in the true
-scene. So does the preset ``paper``; ``fast`` has a tenth of the frames, and larger steps in the true scene. Frames,
-hours and learning rates are kept with the scores (``scores.details``).
+scene. So does the preset ``paper``; ``fast`` has a tenth of the frames, and larger steps: 1e-4. Frames, hours and
+learning rates are kept with the scores (``scores.details``).
 """
 
 import tempfile

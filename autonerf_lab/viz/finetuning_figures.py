@@ -26,7 +26,7 @@ def practice(artifact: dict[str, Any]) -> Figure:
     """
     if not artifact:
         return nothing("nobody practised in this mesh")
-    figure = Figure(figsize=(11, 3.2), layout="constrained")
+    figure = Figure(figsize=(11, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     for k, stage in enumerate(stage for stage in FINETUNED if stage in artifact):
         label, color = FINETUNED[stage], _COLORS[stage]
@@ -41,5 +41,5 @@ def practice(artifact: dict[str, Any]) -> Figure:
     left.set(title="while practising", xlabel="frames", ylabel="success (%)")
     left.grid(alpha=0.3)
     right.set(title="in the true scene", xticks=range(2), xticklabels=("success (%)", "SPL (%)"), ylim=(0, 109))
-    right.legend(frameon=False, fontsize=8, loc="lower right")
+    figure.legend(*right.get_legend_handles_labels(), frameon=False, fontsize=8, loc="outside lower center", ncols=3)
     return figure
