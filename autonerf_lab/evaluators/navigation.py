@@ -80,20 +80,23 @@ def lay_floor(mesh: "trimesh.Trimesh", field: Field) -> "trimesh.Trimesh":
     it, and where a training ray came as far as the plane, there is floor. Furniture that stands there stays.
 
     Args:
-        mesh: world frame, metres, not empty.
+        mesh: world frame, metres.
         field: it came from, whose :meth:`~autonerf_lab.evaluators.field.Field.seen` says where rays came.
 
     Returns:
-        Geometry alone, without colours.
+        Geometry alone, without colours; an empty mesh as it is.
     """
     import trimesh
 
+    if not len(mesh.faces):
+        return mesh
     vertices = np.array(mesh.vertices)
     vertices[np.abs(vertices[:, 2]) < CLIMB, 2] = 0.0
-    x, y = (np.arange(low, high, VOXEL) for low, high in mesh.bounds[:, :2].T)
-    corners = np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1).reshape(-1, 3)
-    corners = corners[field.seen(corners + np.array([VOXEL / 2, VOXEL / 2, 0]))]
-    tiles = corners[:, None] + VOXEL * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    low, high = mesh.bounds[:, :2]
+    cols, rows = np.ceil((high - low) / VOXEL).astype(int)
+    middles = np.pad(cell_to_world(np.argwhere(np.ones((rows, cols), bool)), low, VOXEL), ((0, 0), (0, 1)))
+    middles = middles[field.seen(middles)]
+    tiles = middles[:, None] + VOXEL / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     first = len(vertices) + 4 * np.arange(len(tiles))[:, None]
     faces = np.concatenate([mesh.faces, first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
     return trimesh.Trimesh(np.concatenate([vertices, tiles.reshape(-1, 3)]), faces, process=False)

@@ -125,7 +125,7 @@ class Run:
 
     @cached_property
     def walkable(self) -> "trimesh.Trimesh":
-        return lay_floor(self.surface, self.field) if len(self.surface.faces) else self.surface
+        return lay_floor(self.surface, self.field)
 
     def rendering(self) -> TaskResult:
         poses = sample_test_poses(self.sim, self.preset.test_poses, self.seed)

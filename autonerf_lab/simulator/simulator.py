@@ -96,10 +96,8 @@ class Simulator:
         self.noise = noise or _NO_NOISE
         if scene not in _grounds:
             _grounds[scene] = _Ground(scene)
-        self._ground = ground = _grounds[scene]
-        self.navigation = ground.navigation
-        self._triangles, self._chunks = ground.triangles, ground.chunks
-        self._classes, self._instances = ground.classes, ground.instances
+        self._ground = _grounds[scene]
+        self.navigation = self._ground.navigation
         self._gloss = gloss_of(scene) if gloss else NONE
         width, height = self.intrinsics.width, self.intrinsics.height
         self._fine_intrinsics = self.intrinsics.resized(width * supersample, height * supersample)
@@ -149,19 +147,19 @@ class Simulator:
             g = self._gloss
             texture = self.scene.texture
             shade(
-                face, self._triangles, self.scene.uv, texture, w2c, _camera(self._fine_intrinsics),
+                face, self._ground.triangles, self.scene.uv, texture, w2c, _camera(self._fine_intrinsics),
                 g.strength, g.room, g.first, g.lamps, colors,
             )  # fmt: skip
         hit = self._inverse_depth > 0
         depth = np.divide(np.float32(1), self._inverse_depth, out=np.zeros(hit.shape, np.float32), where=hit)
-        return Frame(colors, depth, self._classes[self._face], self._instances[self._face])
+        return Frame(colors, depth, self._ground.classes[self._face], self._ground.instances[self._face])
 
     def _draw(
         self, c2w: np.ndarray, w2c: np.ndarray, camera: Intrinsics, inverse_depth: np.ndarray, face: np.ndarray
     ) -> None:
         """Fill the inverse depth and the face of every pixel, by drawing or, in a large mesh, by casting."""
-        if len(self._triangles) < CAST_FROM:
-            rasterize(self._triangles, self._chunks, w2c, _camera(camera), inverse_depth, face)
+        if len(self._ground.triangles) < CAST_FROM:
+            rasterize(self._ground.triangles, self._ground.chunks, w2c, _camera(camera), inverse_depth, face)
             return
         rays_o, rays_d = camera_rays(camera, c2w)
         hits = self.cast(rays_o.reshape(-1, 3), rays_d.reshape(-1, 3))
