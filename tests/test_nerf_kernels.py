@@ -9,6 +9,7 @@ import torch
 from autonerf_lab.nerf.bundles import Rays, Samples, Targets
 from autonerf_lab.nerf.fields.hash_field import HashField
 from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
+from autonerf_lab.nerf.kernels import dense
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import semantic_nerfacto
 from autonerf_lab.nerf.samplers.occupancy import OccupancySampler, TorchOccupancySampler
@@ -153,3 +154,27 @@ def test_bins_that_do_not_touch() -> None:
     np.testing.assert_allclose(a.weights, b.weights, rtol=2e-3, atol=1e-5)
     for name, value in b.losses.items():
         assert a.losses[name] == pytest.approx(value, rel=1e-4), name
+
+
+@pytest.mark.parametrize(("rows", "columns", "n"), [(4, 4, 16), (8, 20, 48), (16, 6, 32), (0, 4, 16), (4, 4, 0)])
+def test_dense_layers_are_products_of_matrices(rows: int, columns: int, n: int) -> None:
+    """Whole numbers, so that no order of summation rounds; what lies beyond n is left alone."""
+    rng = np.random.default_rng(7)
+    weights, x, y, upstream = (
+        rng.integers(-9, 10, shape).astype(np.float32)
+        for shape in ((rows, columns), (columns, 64), (rows, 64), (rows, 64))
+    )
+    product = weights @ x[:, :n]
+    for kernel, expected in ((dense.dense, product), (dense.dense_add, y[:, :n] + product)):
+        out = y.copy()
+        kernel(weights, x, out, n)
+        np.testing.assert_array_equal(out, np.hstack([expected, y[:, n:]]))
+    gradient = weights.copy()
+    dense.weight_gradient(y, x, gradient, n)
+    np.testing.assert_array_equal(gradient, weights + y[:, :n] @ x[:, :n].T)
+    out = y.copy()
+    dense.relu(out, n)
+    np.testing.assert_array_equal(out, np.hstack([np.maximum(y[:, :n], 0), y[:, n:]]))
+    out = upstream.copy()
+    dense.relu_backward(y, out, n)
+    np.testing.assert_array_equal(out, np.hstack([upstream[:, :n] * (y[:, :n] > 0), upstream[:, n:]]))
