@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from autonerf_lab.classes import colorize
 from autonerf_lab.evaluators.pose_refinement import CONVERGED_DEG, CONVERGED_M, pose_errors
@@ -118,6 +119,8 @@ def _refinement_frame(
     curve.set_xlim(0, iterations[-1])
     curve.set_ylim(max(everything.min(), 1e-3) / 4, everything.max() * 1.5)
     curve.set_title(f"iteration {iterations[k]}: {errors[k, 0]:.2f}°, {1000 * errors[k, 1]:.1f} mm")
+    curve.yaxis.set_major_formatter("{x:g}")  # powers of ten are read less easily, and typeset slowly
+    curve.yaxis.set_minor_formatter(NullFormatter())
     curve.yaxis.tick_right()
     curve.legend(frameon=False, fontsize=8, loc="lower center", ncols=2)
     canvas = FigureCanvasAgg(figure)
