@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 CHUNKS = 16
-LANES = 16  # packed columns come in multiples of this, so that vector loops have no remainder
+LANES = 16  # samples of a vector: columns come in multiples of it, since the kernels have no remainder loops
 BLOCK_RAYS = 16  # a multiple of LANES, so that a block's columns are one too
 GEOMETRY = 16  # outputs of the density network; the first is the log density, all of them feed the heads
 # constants of the kernels: an integer or a double in a float32 expression would make it all double
