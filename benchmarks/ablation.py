@@ -25,7 +25,7 @@ from common.views import read_views, write_views
 from autonerf_lab.errors import AutoNerfError
 from autonerf_lab.nerf.models import MODELS
 from autonerf_lab.nerf.settings import Settings
-from autonerf_lab.storage import read_json, write_json
+from autonerf_lab.utils.storage import read_json, write_json
 
 BASE = MODELS["semantic-nerfacto"].settings["fast"]
 

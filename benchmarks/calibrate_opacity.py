@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 import autonerf_lab as lab
-from autonerf_lab import storage
 from autonerf_lab.evaluators import maps
-from autonerf_lab.evaluators.truth import true_map
+from autonerf_lab.evaluators.ground_truth import true_map
+from autonerf_lab.utils import storage
 
 THRESHOLDS = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
 SCENES = ("train-00", "train-04", "train-08", "train-12", "train-16", "train-20")

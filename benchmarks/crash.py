@@ -33,8 +33,8 @@ from typing import Any
 import pandas as pd
 from PIL import Image
 
-from autonerf_lab.run_folder import STAGES
-from autonerf_lab.storage import read_arrays, read_json
+from autonerf_lab.pipeline.run_folder import STAGES
+from autonerf_lab.utils.storage import read_arrays, read_json
 
 Seen = dict[str, Any]  # cell or "cell stage" -> what would change if it were done again
 HIT = (*STAGES[:4], "exploration")  # what a cell does, one after the other

@@ -23,13 +23,13 @@ from common.views import floor_area, scene_by_name
 
 from autonerf_lab.config import preset
 from autonerf_lab.evaluators import METRICS, TrueField, evaluate
-from autonerf_lab.evaluators.truth import true_map
+from autonerf_lab.evaluators.ground_truth import true_map
 from autonerf_lab.exploration import explore
-from autonerf_lab.machine import peak_gb
 from autonerf_lab.nerf import fit, load_nerf
 from autonerf_lab.scenes import Scene, generate_apartment
-from autonerf_lab.scenes.apartment import generate_spec
+from autonerf_lab.scenes.generator import generate_spec
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.utils.resources import peak_gb
 
 BAR_M2 = 80.0
 THREADS = 2

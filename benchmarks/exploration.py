@@ -39,9 +39,9 @@ from common.omniscient import Omniscient
 from common.training import in_fresh_process, set_threads
 
 from autonerf_lab.benchmark.statistics import Runs, difference, interval
-from autonerf_lab.benchmark.walks import SENSOR, kept_visible_map
 from autonerf_lab.config import preset
 from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage
+from autonerf_lab.evaluators.exploration import SENSOR, kept_visible_map
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.policies import POLICIES, Policy, load_policy, make_policy, weights_path, weights_sha256
@@ -49,8 +49,8 @@ from autonerf_lab.policies.networks import make_view
 from autonerf_lab.policies.weights import read_meta
 from autonerf_lab.scenes import load_scene, scene_names
 from autonerf_lab.simulator import Simulator
-from autonerf_lab.storage import read_json, write_json
 from autonerf_lab.types import MapState
+from autonerf_lab.utils.storage import read_json, write_json
 
 UNTRAINED = "untrained "
 OMNISCIENT = {f"omniscient {quantity}": quantity for quantity in QUANTITIES.values()}

@@ -17,10 +17,10 @@ from matplotlib import image
 from matplotlib.figure import Figure
 
 from autonerf_lab.benchmark import Results, load_results
-from autonerf_lab.benchmark.collect import collect
+from autonerf_lab.benchmark.export import publish
 from autonerf_lab.benchmark.figures import coverage_curves, scores_over_policies
 from autonerf_lab.benchmark.grid import label
-from autonerf_lab.benchmark.publish import publish
+from autonerf_lab.benchmark.results_table import collect
 
 NOT_KEPT = "scores.parquet"  # the same rows as scores.csv
 

@@ -12,7 +12,7 @@ the formulas) at the rate of a large matrix product in the same run; required is
 Quality: views taken uniformly over the scene, no depth; the fit of the preset, with its fixed number of steps, and one
 fit for each of ``--seconds``, whose steps are chosen by the step measured before: learning rates follow a schedule, so
 that a fit cut short is not a short fit. Seconds are those of training; the clock stands still while a field is judged.
-Beside them the nearest training view, as a yardstick. Each fit has a process of its own.
+Beside them the nearest training view, as a baseline. Each fit has a process of its own.
 
 Prints tables and, as the last line, one JSON object; ``--out`` gets it too, with a CSV and a figure.
 """
@@ -130,9 +130,9 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     figure, axes = plt.subplots(1, len(PANELS), figsize=(13, 3.8), layout="constrained")
     scenes = sorted({row["scene"] for row in rows})
     for ax, (key, label) in zip(axes, PANELS.items(), strict=True):
-        yardstick = [row for row in rows if row["fit"] == "nearest view"]
+        baseline = [row for row in rows if row["fit"] == "nearest view"]
         if key != "depth_median_error_m":
-            ax.axhline(mean_of(yardstick, key), color="grey", ls=":", label="nearest training view")
+            ax.axhline(mean_of(baseline, key), color="grey", ls=":", label="nearest training view")
         for fit in dict.fromkeys(row["fit"] for row in rows if row["fit"] != "nearest view"):
             here = [row for row in rows if row["fit"] == fit]
             moments = [

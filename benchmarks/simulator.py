@@ -55,7 +55,7 @@ def _quarters(corners: np.ndarray) -> np.ndarray:
 def pyrender_speed(scene: Scene, camera: Intrinsics, poses: list[np.ndarray]) -> float | None:
     """Frames a second of colour and depth, one sample a pixel; None where OpenGL is missing."""
     try:
-        from autonerf_lab.simulator.gl import GLRenderer
+        from autonerf_lab.simulator.opengl import GLRenderer
 
         with GLRenderer(scene, camera) as renderer:
             return frames_per_second(renderer.render, poses)

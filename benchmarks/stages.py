@@ -23,15 +23,15 @@ from typing import Any
 from common.output import mean_of
 from common.views import TRAIN_SEED, photographs
 
-from autonerf_lab import storage
 from autonerf_lab.benchmark.paper import MAPS, PLANNING, POSE, RENDERING, Column
 from autonerf_lab.config import preset
-from autonerf_lab.evaluators import Scores, ceiling, evaluate
+from autonerf_lab.evaluators import Scores, evaluate, oracle_scores
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit
 from autonerf_lab.policies import weights_sha256
 from autonerf_lab.scenes import load_scene, scene_names
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.utils import storage
 
 MODEL = "semantic-nerfacto"
 BAR: dict[str, dict[str, float]] = {
@@ -68,7 +68,7 @@ def measure(name: str, policy: str, views: int, size: str, folder: Path) -> dict
     for column, trajectory in seen.items():
         nerf = fit(trajectory, MODEL, size, checkpoint=folder / f"{name}-{column.split()[0]}")
         scores[column] = values_of(evaluate(nerf, scene, size, tasks=BAR, progress=False))
-    scores["truth"] = values_of(ceiling(scene, size, tasks=BAR))
+    scores["truth"] = values_of(oracle_scores(scene, size, tasks=BAR))
     storage.write_json(kept, {"identity": identity, "scores": scores})
     return scores
 

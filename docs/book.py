@@ -22,7 +22,8 @@ from nbconvert import HTMLExporter
 from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 from nbformat import NotebookNode
 
-from autonerf_lab import preset, storage
+from autonerf_lab import preset
+from autonerf_lab.utils import storage
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL_TIMEOUT = 3600  # seconds

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import autonerf_lab as lab
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.viz.figures import map_overlay
+from autonerf_lab.viz.figures.evaluation import map_overlay
 
 TINY = {"environments": 2, "episode": 2, "rollout": 2, "batch": 4, "sensor": 16}  # of a training that proves nothing
 

@@ -11,15 +11,16 @@ from pathlib import Path
 
 from PIL import Image
 
-from autonerf_lab import machine, pipeline, storage
+from autonerf_lab import pipeline
 from autonerf_lab.benchmark.grid import Cell, label
 from autonerf_lab.benchmark.results import OK, Outcome, Results, load_results
 from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import Scores
 from autonerf_lab.evaluators.lpips import Lpips
-from autonerf_lab.run_folder import load_run, locked
+from autonerf_lab.pipeline.run_folder import load_run, locked
 from autonerf_lab.types import Score
+from autonerf_lab.utils import resources, storage
 
 PICTURES = {"walk": ("explore", "from_above"), "rendering": ("evaluate", "comparison"), "maps": ("evaluate", "overlay")}
 PICTURE_WIDTH = 900
@@ -53,7 +54,7 @@ def run_cell(cell: Cell, out: Path, keep: bool = False, lpips: str | None = None
 
 
 def _attempt(cell: Cell, results: Results, keep: bool, lpips: str | None) -> Outcome:
-    machine.forget_peak()  # of the cell that this process ran before
+    resources.forget_peak()  # of the cell that this process ran before
     folder = results.kept(cell) if keep else results.work(cell) / "run"
     try:
         return _run(cell, results, folder, keep, lpips)
@@ -72,7 +73,7 @@ def _run(cell: Cell, results: Results, folder: Path, keep: bool, lpips: str | No
     if not ((folder / "run.json").exists() and load_run(folder).finished("evaluate")):
         weights = None if lpips is None else Lpips(lpips, results.lpips)
         pictures = None if keep else [picture for _, picture in PICTURES.values()]
-        options = pipeline.Options(weights, yardsticks=False, optional=cell.optional, pictures=pictures)
+        options = pipeline.Options(weights, baselines=False, optional=cell.optional, pictures=pictures)
         pipeline.begin(
             folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate", options=options
         )  # fmt: skip
@@ -80,7 +81,7 @@ def _run(cell: Cell, results: Results, folder: Path, keep: bool, lpips: str | No
     started = time.perf_counter()
     walked = folder / "exploration.json"
     if not walked.exists():
-        from autonerf_lab.benchmark.walks import walk_scores
+        from autonerf_lab.evaluators.exploration import walk_scores
 
         work = pipeline.Workspace(run)
         rows, curves = walk_scores(work.trajectory, work.scene, preset(cell.preset), results.path / "scenes")
@@ -88,7 +89,7 @@ def _run(cell: Cell, results: Results, folder: Path, keep: bool, lpips: str | No
         Scores(rows).save(walked)
     for name, (stage, picture) in PICTURES.items():
         _shrink(run / f"figures/{stage}_{picture}.png", results.path / "pictures" / f"{cell.name}_{name}.webp")
-    last = {"seconds": round(time.perf_counter() - started, 3), "peak_gb": machine.peak_gb()}
+    last = {"seconds": round(time.perf_counter() - started, 3), "peak_gb": resources.peak_gb()}
     scores = tuple(_signed(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(walked)])
     return Outcome(cell, OK, scores, {**run.stages, "exploration": last}, storage.read_json(folder / "curves.json"))
 

@@ -11,10 +11,10 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from autonerf_lab.benchmark.processes import Limits, run_in_processes, share
+from autonerf_lab.benchmark.local_workers import Limits, run_in_processes, share
 from autonerf_lab.benchmark.worker import Job
 from autonerf_lab.errors import DataError, MissingPackageError
-from autonerf_lab.machine import cores
+from autonerf_lab.utils.resources import cores
 
 CONNECT_SECONDS = 30
 

@@ -1,9 +1,9 @@
 """Two results folders, score by score, paired by scene and start."""
 
 from autonerf_lab.benchmark import paper
-from autonerf_lab.benchmark.collect import Collected, Row, paired
-from autonerf_lab.benchmark.table import Entry, Table
-from autonerf_lab.benchmark.tables import difference_entry
+from autonerf_lab.benchmark.paper_tables import difference_entry
+from autonerf_lab.benchmark.results_table import Collected, Row, paired
+from autonerf_lab.benchmark.text_table import Entry, Table
 from autonerf_lab.errors import RunFolderError
 
 COLUMNS = (

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy import stats
 
-from autonerf_lab.benchmark.collect import Collected
 from autonerf_lab.benchmark.paper import CORRELATED, CORRELATIONS, Key
-from autonerf_lab.benchmark.table import NO_VALUE, Entry, Table
+from autonerf_lab.benchmark.results_table import Collected
+from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 
 REWARDS = ("cov", "sem", "obs", "view")
 POLICIES = tuple(f"modular-{reward}" for reward in REWARDS)  # whose walks are the points

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from autonerf_lab.benchmark.collect import Collected
 from autonerf_lab.benchmark.grid import label
 from autonerf_lab.benchmark.paper import BY_POLICY, HEADLINES, Column
+from autonerf_lab.benchmark.results_table import Collected
 
 CURVES = {"coverage": "area", "obstacle_coverage": "obstacles", "semantic_coverage": "classes",
           "viewpoint_coverage": "viewpoints"}  # fmt: skip

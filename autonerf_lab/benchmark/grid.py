@@ -11,7 +11,7 @@ from pathlib import Path
 
 from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError, WrongTypeError
-from autonerf_lab.pipeline import SCANS
+from autonerf_lab.pipeline.stages import SCANS
 
 PAPER_POLICIES = (
     "random", "frontier", "e2e-cov", "e2e-cur", "e2e-nov", "e2e-rec",

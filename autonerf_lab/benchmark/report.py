@@ -8,15 +8,16 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from autonerf_lab import __version__, storage
+from autonerf_lab import __version__
 from autonerf_lab.benchmark.cell import PICTURES
-from autonerf_lab.benchmark.collect import collect
+from autonerf_lab.benchmark.export import headline
 from autonerf_lab.benchmark.figures import coverage_curves, scores_over_policies
 from autonerf_lab.benchmark.paper import PSNR
-from autonerf_lab.benchmark.publish import headline
+from autonerf_lab.benchmark.paper_tables import all_tables, number
 from autonerf_lab.benchmark.results import Outcome, Results
-from autonerf_lab.benchmark.tables import all_tables, number
-from autonerf_lab.pictures import data_url
+from autonerf_lab.benchmark.results_table import collect
+from autonerf_lab.data.images import data_url
+from autonerf_lab.utils import storage
 
 SHOWN = 3  # cells at either end
 

@@ -13,12 +13,13 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from autonerf_lab import __version__, storage
+from autonerf_lab import __version__
+from autonerf_lab.benchmark.fingerprint import LPIPS, differences, identity
 from autonerf_lab.benchmark.grid import Cell, Grid
-from autonerf_lab.benchmark.identity import LPIPS, differences, identity
 from autonerf_lab.errors import DataError, RunFolderError
-from autonerf_lab.run_folder import nothing_but
+from autonerf_lab.pipeline.run_folder import nothing_but
 from autonerf_lab.types import Score
+from autonerf_lab.utils import storage
 
 FORMAT_VERSION = 1
 OK = "ok"

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from autonerf_lab.benchmark.grid import Cell, Grid
-from autonerf_lab.benchmark.processes import Limits, run_in_processes, share
+from autonerf_lab.benchmark.local_workers import Limits, run_in_processes, share
 from autonerf_lab.benchmark.results import OK, RETRY, Outcome, Results, open_results
 from autonerf_lab.benchmark.worker import RUN_CELL, Job
 from autonerf_lab.errors import DataError, UnknownNameError
-from autonerf_lab.run_folder import locked
+from autonerf_lab.pipeline.run_folder import locked
 
 HOUR = 3600.0
 PATIENCE = 15.0  # seconds for which a network file system may show us the past

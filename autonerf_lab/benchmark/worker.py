@@ -19,7 +19,7 @@ from typing import Any
 
 from autonerf_lab.benchmark.grid import Cell
 from autonerf_lab.errors import AutoNerfError
-from autonerf_lab.storage import out_of_space
+from autonerf_lab.utils.storage import out_of_space
 
 RUN_CELL = "autonerf_lab.benchmark.cell:run_cell"
 

@@ -10,28 +10,28 @@ One module holds the exercises of one notebook. In a notebook::
 
 from typing import Any
 
-from autonerf_lab.course import (
+from autonerf_lab.course.checker import Exercise, Hidden, Verdict
+from autonerf_lab.course.exercises import (
     apartments,
-    captures,
-    encodings,
-    exploring,
-    learning,
+    exploration,
+    hash_encoding,
+    image_metrics,
     mapping,
     meshes,
-    plans,
-    poses,
-    radiance,
+    photographs,
+    planning,
+    pose_refinement,
+    ppo,
     rewards,
-    scores,
     statistics,
     tour,
+    volume_rendering,
 )
-from autonerf_lab.course.exercise import Exercise, Hidden, Verdict
 from autonerf_lab.errors import UnknownNameError
 
 _NOTEBOOKS = (
-    *(tour, apartments, mapping, exploring, rewards, learning, radiance, encodings),
-    *(scores, plans, poses, meshes, statistics, captures),
+    *(tour, apartments, mapping, exploration, rewards, ppo, volume_rendering, hash_encoding),
+    *(image_metrics, planning, pose_refinement, meshes, statistics, photographs),
 )
 
 EXERCISES: dict[str, Exercise] = {exercise.name: exercise for module in _NOTEBOOKS for exercise in module.EXERCISES}

@@ -9,7 +9,7 @@ import numpy as np
 
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import Mapper, empty_map
-from autonerf_lab.policies.views import MAP_WINDOWS, WINDOW_METRES
+from autonerf_lab.policies.interfaces import MAP_WINDOWS, WINDOW_METRES
 from autonerf_lab.rewards import PrivilegedReward, Reward, evaluate, make_reward, name_of
 from autonerf_lab.scenes import Scene, load_scene, scene_names
 from autonerf_lab.simulator import Noise, Simulator

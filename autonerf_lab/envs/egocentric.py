@@ -6,7 +6,7 @@ import numpy as np
 
 from autonerf_lab.envs.base import MappingEnv, Seen
 from autonerf_lab.policies.egocentric import EgocentricView
-from autonerf_lab.policies.views import WINDOW_METRES
+from autonerf_lab.policies.interfaces import WINDOW_METRES
 
 
 class EgocentricEnv(MappingEnv[np.int64]):

@@ -7,7 +7,7 @@ from gymnasium import spaces
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.envs.base import MappingEnv, Seen
-from autonerf_lab.policies.views import place_of, window_of
+from autonerf_lab.policies.interfaces import place_of, window_of
 from autonerf_lab.types import Action, MapState
 
 MAX_DEPTH = 100.0  # metres; farther surfaces read this

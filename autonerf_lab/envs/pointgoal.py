@@ -8,7 +8,7 @@ import numpy as np
 from autonerf_lab.envs.base import SceneEnv, Seen
 from autonerf_lab.geometry import FORWARD_STEP, TURN_ANGLE, planar_from_pose, world_to_cell
 from autonerf_lab.planning import travel_distance, weighted_success
-from autonerf_lab.policies.goal import STOP, GoalView
+from autonerf_lab.policies.pointgoal import STOP, GoalView
 from autonerf_lab.types import Action
 
 SUCCESS_RADIUS = 0.36  # metres, twice the robot's radius
@@ -23,7 +23,7 @@ HALF_TURN = round(np.pi / TURN_ANGLE)  # actions
 class PointGoalEnv(SceneEnv[np.int64]):
     """Reach a goal and say so. Actions: forward 25 cm, turn left, turn right (30 degrees), stop.
 
-    Observations are those of :class:`~autonerf_lab.policies.goal.GoalView`: depth, and the goal by odometry. The
+    Observations are those of :class:`~autonerf_lab.policies.pointgoal.GoalView`: depth, and the goal by odometry. The
     episode terminates at *stop* and is truncated after ``max_steps``. It succeeds if the robot stops within 0.36 m of
     the goal, on its side of the walls.
 

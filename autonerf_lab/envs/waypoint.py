@@ -7,7 +7,7 @@ import numpy as np
 from autonerf_lab.envs.base import MappingEnv, Seen
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.planning import LocalPolicy
-from autonerf_lab.policies.views import WINDOW_METRES, PaperView, View, done
+from autonerf_lab.policies.interfaces import WINDOW_METRES, PaperView, View, done
 from autonerf_lab.types import Action
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.geometry import planar_pose
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.simulator import Simulator
-from autonerf_lab.trajectory import Trajectory
 from autonerf_lab.types import MapState, Observation
 
 QUANTITIES = {"explored": "area", "occupied": "obstacles", "semantics": "semantics", "viewpoints": "viewpoints"}

@@ -13,18 +13,18 @@ from tqdm import tqdm
 
 from autonerf_lab.config import Preset
 from autonerf_lab.config import preset as get_preset
-from autonerf_lab.dataset import Dataset
+from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
-from autonerf_lab.evaluators.ceiling import TrueField
-from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.nearest_view import NearestView
+from autonerf_lab.evaluators.oracle import TrueField
+from autonerf_lab.evaluators.radiance_field import Field
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.tasks import METRICS, Run, rows_of, run_task
 from autonerf_lab.evaluators.tsdf import fused_scores
 from autonerf_lab.nerf.frame import FieldFrame
-from autonerf_lab.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from autonerf_lab.scenes.scene import Scene
@@ -54,7 +54,7 @@ def evaluate(
     trajectory: Trajectory | Dataset | None = None,
     lpips_weights: "str | Path | Lpips | None" = None,
     keep: str | Path | None = None,
-    ceiling: bool = False,
+    oracle: bool = False,
 ) -> Scores:
     """Score a field in its scene, or on photographs that were held out.
 
@@ -68,13 +68,13 @@ def evaluate(
         tasks: names out of ``METRICS``, all without; and those of ``OPTIONAL``, which are asked for by name:
             ``navigation`` takes minutes, ``finetuning`` hours.
         progress: show a bar.
-        trajectory: what the field was trained on. When given, ``scores.yardsticks["nearest_view"]`` says what showing
+        trajectory: what the field was trained on. When given, ``scores.baselines["nearest_view"]`` says what showing
             its nearest image instead of a rendering would score, and ``["tsdf"]`` what its depth, fused, scores as a
             mesh (with the extra ``open3d``).
         lpips_weights: the file of :mod:`autonerf_lab.evaluators.lpips`, or an ``Lpips`` that has read (and checked)
             it; ``scores.weights`` keeps its SHA-256. Without, LPIPS has no value (of photographs: no row).
         keep: folder of what takes hours, the trainings of ``finetuning``: interrupted, they go on there.
-        ceiling: put the true geometry through the same tasks too: ``scores.yardsticks["ceiling"]``. Those of
+        oracle: put the true geometry through the same tasks too: ``scores.baselines["oracle"]``. Those of
             ``OPTIONAL`` have values of the true scene of their own.
 
     Returns:
@@ -105,16 +105,16 @@ def evaluate(
         _check_scene("this trajectory", nearest.cameras, nearest.meta, nearest.frame, scene)
     scores = _score(Run, nerf, scene, size, seed, names, progress, lpips, keep)
     if nearest is not None and "rendering" in names:  # it renders, and this task asks nothing else
-        scores.yardsticks["nearest_view"] = _score(Run, nearest, scene, size, seed, ["rendering"], False, lpips)
+        scores.baselines["nearest_view"] = _score(Run, nearest, scene, size, seed, ["rendering"], False, lpips)
     if isinstance(trajectory, Trajectory) and trajectory.depth is not None and "mesh" in names:
-        scores.yardsticks["tsdf"] = fused_scores(nerf, scene, size, seed, trajectory)
-    if ceiling:
+        scores.baselines["tsdf"] = fused_scores(nerf, scene, size, seed, trajectory)
+    if oracle:
         names = [name for name in names if name in METRICS]
-        scores.yardsticks["ceiling"] = _of_truth(scene, size, seed, names, progress, lpips)
+        scores.baselines["oracle"] = _of_truth(scene, size, seed, names, progress, lpips)
     return scores
 
 
-def ceiling(
+def oracle_scores(
     scene: "Scene",
     preset: str | Preset | None = None,
     seed: int = 0,
@@ -123,11 +123,11 @@ def ceiling(
 ) -> Scores:
     """What the true geometry scores in the same tasks: no field can be expected to do better.
 
-    Arguments and errors are those of :func:`evaluate`, whose ``ceiling=True`` sets these scores beside its own.
+    Arguments and errors are those of :func:`evaluate`, whose ``oracle=True`` sets these scores beside its own.
 
     Example:
         >>> from autonerf_lab.scenes import load_scene
-        >>> ceiling(load_scene("val-0"), "smoke", tasks=["rendering"])["rendering", "miou"]
+        >>> oracle_scores(load_scene("val-0"), "smoke", tasks=["rendering"])["rendering", "miou"]
         100.0
     """
     lpips = _read(lpips_weights)
@@ -221,5 +221,5 @@ def _held_out(
     scores.weights = _weights(lpips)
     if trained_on is not None:
         nearest: Any = NearestView(trained_on)
-        scores.yardsticks["nearest_view"] = _held_out(nearest, data, False, None, lpips)
+        scores.baselines["nearest_view"] = _held_out(nearest, data, False, None, lpips)
     return scores

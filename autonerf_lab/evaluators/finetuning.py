@@ -23,8 +23,8 @@ import torch
 from autonerf_lab.envs.pointgoal import PointGoalEnv
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.navigation import mesh_scene
-from autonerf_lab.evaluators.result import TaskResult, failure
 from autonerf_lab.evaluators.scores import FINETUNED
+from autonerf_lab.evaluators.task_result import TaskResult, failure
 from autonerf_lab.policies import WEIGHTS
 from autonerf_lab.policies.networks import RecurrentNetwork, batched, draw, make_network
 from autonerf_lab.policies.weights import load_weights, read_meta

@@ -30,8 +30,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from autonerf_lab import storage
 from autonerf_lab.errors import DataError
+from autonerf_lab.utils import storage
 
 MIN_SIDE = 16  # pixels: four stages halve the image
 STAGES = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))  # channels of the convolutions

@@ -24,8 +24,8 @@ from enum import IntEnum
 import numpy as np
 from scipy.spatial import cKDTree
 
-from autonerf_lab.evaluators.field import Field
-from autonerf_lab.evaluators.truth import BAND, Grid, TrueMap
+from autonerf_lab.evaluators.ground_truth import BAND, Grid, TrueMap
+from autonerf_lab.evaluators.radiance_field import Field
 
 # Calibrated by `benchmarks/calibrate_opacity.py --policy modular-obs` (2026-11-22, semantic-nerfacto, fast, train-00,
 # -04, -08, -12, -16, -20): the best sum of free accuracy and occupied F1, percent.

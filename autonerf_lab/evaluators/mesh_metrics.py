@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from autonerf_lab.evaluators.field import Field
-from autonerf_lab.evaluators.result import TaskResult
+from autonerf_lab.evaluators.radiance_field import Field
+from autonerf_lab.evaluators.task_result import TaskResult
 
 if TYPE_CHECKING:
     import trimesh

@@ -25,16 +25,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from autonerf_lab.errors import DataError, SceneError
-from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.mesh import export_mesh
-from autonerf_lab.evaluators.result import TaskResult
+from autonerf_lab.evaluators.radiance_field import Field
+from autonerf_lab.evaluators.task_result import TaskResult
 from autonerf_lab.geometry import Intrinsics, cell_to_world, planar_pose, world_to_cell
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.nerf.visibility import VOXEL
 from autonerf_lab.planning.fast_marching import path_length, travel_distance, weighted_success
-from autonerf_lab.planning.local import LocalPolicy
-from autonerf_lab.scenes.scan import import_scene
+from autonerf_lab.planning.local_policy import LocalPolicy
+from autonerf_lab.scenes.mesh_import import import_scene
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.simulator.navigation import CLIMB
@@ -81,7 +81,7 @@ def lay_floor(mesh: "trimesh.Trimesh", field: Field) -> "trimesh.Trimesh":
 
     Args:
         mesh: world frame, metres.
-        field: it came from, whose :meth:`~autonerf_lab.evaluators.field.Field.seen` says where rays came.
+        field: it came from, whose :meth:`~autonerf_lab.evaluators.radiance_field.Field.seen` says where rays came.
 
     Returns:
         Geometry alone, without colours; an empty mesh as it is.

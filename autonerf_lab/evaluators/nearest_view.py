@@ -1,13 +1,13 @@
-"""A yardstick for rendering: show the nearest training image instead of a rendering."""
+"""A baseline for rendering: show the nearest training image instead of a rendering."""
 
 import numpy as np
 from PIL import Image as Picture
 
-from autonerf_lab.dataset import Dataset
-from autonerf_lab.evaluators.field import Image
+from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.data.trajectory import Trajectory
+from autonerf_lab.evaluators.radiance_field import Image
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.frame import FieldFrame
-from autonerf_lab.trajectory import Trajectory
 
 METRES_PER_RADIAN = 2.0
 

@@ -36,11 +36,11 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from autonerf_lab.classes import CLASS_NAMES, NUM_CLASSES
+from autonerf_lab.evaluators.ground_truth import TrueMap
 from autonerf_lab.evaluators.maps import CellState
-from autonerf_lab.evaluators.result import TaskResult
-from autonerf_lab.evaluators.truth import TrueMap
-from autonerf_lab.machine import threads
+from autonerf_lab.evaluators.task_result import TaskResult
 from autonerf_lab.planning.fast_marching import descend, path_length, travel_distance, weighted_success
+from autonerf_lab.utils.resources import threads
 
 PREDICTED_DILATION = 0.20  # metres
 TRUE_DILATION = 0.18

@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_gradient_magnitude
 
-from autonerf_lab.evaluators.field import Field
-from autonerf_lab.evaluators.result import TaskResult
+from autonerf_lab.evaluators.radiance_field import Field
+from autonerf_lab.evaluators.task_result import TaskResult
 from autonerf_lab.geometry import Intrinsics, rotation_angle, so3_exp
 
 START_ROTATION_DEG = 5.0

@@ -25,10 +25,10 @@ import numpy as np
 from skimage.metrics import structural_similarity
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.dataset import Dataset
-from autonerf_lab.evaluators.field import Field
+from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.evaluators.lpips import MIN_SIDE, Lpips
-from autonerf_lab.evaluators.result import TaskResult
+from autonerf_lab.evaluators.radiance_field import Field
+from autonerf_lab.evaluators.task_result import TaskResult
 from autonerf_lab.geometry import Intrinsics
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from autonerf_lab import storage
 from autonerf_lab.errors import DataError
 from autonerf_lab.types import Score
+from autonerf_lab.utils import storage
 
 # Best value of each column on Gibson and the frontier row (tables 1 to 4 of the paper); of navigation and fine-tuning
 # there is one policy (obs.). The paper's semantic map scores are exact, so they stand beside the exact ones here.
@@ -62,8 +62,8 @@ def _text(value: float | None, status: str = "ok") -> str:
 class Scores(list[Score]):
     """Rows of one evaluation, in the order of the protocol.
 
-    ``artifacts`` holds the raw material of the pictures (a dict by task) and ``yardsticks`` other scores to print
-    beside these (``ceiling``, ``nearest_view``); neither is saved with the rows. What is:
+    ``artifacts`` holds the raw material of the pictures (a dict by task) and ``baselines`` other scores to print
+    beside these (``oracle``, ``nearest_view``); neither is saved with the rows. What is:
 
     * ``weights``: SHA-256 of the weights that a metric was computed with (``lpips``, the file; ``lpips_backbone`` and
       ``lpips_heads``, the tensors in it);
@@ -82,7 +82,7 @@ class Scores(list[Score]):
     def __init__(self, rows: Iterable[Score] = (), artifacts: Mapping[str, Any] | None = None) -> None:
         super().__init__(rows)
         self.artifacts: dict[str, Any] = dict(artifacts or {})
-        self.yardsticks: dict[str, Scores] = {}
+        self.baselines: dict[str, Scores] = {}
         self.weights: dict[str, str] = {}
         self.details: dict[str, dict[str, Any]] = {}
 
@@ -95,8 +95,8 @@ class Scores(list[Score]):
                 return row.value
         raise KeyError(key)
 
-    def _rows(self, yardsticks: Mapping[str, Iterable[Score]]) -> list[tuple[str, ...]]:
-        beside = self.yardsticks | dict(yardsticks)
+    def _rows(self, baselines: Mapping[str, Iterable[Score]]) -> list[tuple[str, ...]]:
+        beside = self.baselines | dict(baselines)
         values = {name: {(r.task, r.metric): r for r in rows} for name, rows in beside.items()}
         compared = any((row.task, row.metric) in PAPER for row in self)
         lines = [(*_COLUMNS, *(_PAPER_COLUMNS if compared else ()), *values)]
@@ -107,17 +107,17 @@ class Scores(list[Score]):
             lines.append((row.task, row.metric, row.unit, _text(row.value, row.status), *paper, *others))
         return lines
 
-    def table(self, **yardsticks: Iterable[Score]) -> str:
+    def table(self, **baselines: Iterable[Score]) -> str:
         """Plain text, one line a score, beside the paper's best and frontier figures where it has any.
 
         Args:
-            yardsticks: columns beside those of ``self.yardsticks``, such as ``ceiling=Scores``.
+            baselines: columns beside those of ``self.baselines``, such as ``oracle=Scores``.
         """
-        return "\n\n".join(map(_aligned, filter(None, (self._rows(yardsticks), self.practice()))))
+        return "\n\n".join(map(_aligned, filter(None, (self._rows(baselines), self.practice()))))
 
-    def html(self, **yardsticks: Iterable[Score]) -> str:
+    def html(self, **baselines: Iterable[Score]) -> str:
         """The same as HTML; all text is escaped."""
-        return "\n".join(map(_html, filter(None, (self._rows(yardsticks), self.practice()))))
+        return "\n".join(map(_html, filter(None, (self._rows(baselines), self.practice()))))
 
     def practice(self) -> list[tuple[str, ...]]:
         """Fine-tuning as a table, header first, a line a policy: what it reached, and what that took.

@@ -5,8 +5,8 @@ and 0.88 m are summed in their column, and the class with the largest sum (backg
 ``label(column) = argmax_k |{points of class k in the column}|``. The rays are
 those of a subset of the training views at 64 pixels a side: a million points name the cells of an apartment.
 
-**Truth.** A class is in a column when a visible surface of that class is (:mod:`~autonerf_lab.evaluators.truth`), so a
-column may hold two: a cup and the table under its rim.
+**Truth.** A class is in a column when a visible surface of that class is
+(:mod:`~autonerf_lab.evaluators.ground_truth`), so a column may hold two: a cup and the table under its rim.
 
 **Scores**, for each class in the scene over the cells where the truth is occupied or free, then averaged over these
 classes: accuracy = (TP + TN) / (TP + TN + FP + FN) of the binary map, precision = TP / (TP + FP), recall =
@@ -17,9 +17,9 @@ so near, as in :mod:`~autonerf_lab.evaluators.maps`. A class never predicted has
 import numpy as np
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.evaluators.field import Field, surface_points
+from autonerf_lab.evaluators.ground_truth import BAND, Grid, TrueMap
 from autonerf_lab.evaluators.maps import TOLERANCE, share_within
-from autonerf_lab.evaluators.truth import BAND, Grid, TrueMap
+from autonerf_lab.evaluators.radiance_field import Field, surface_points
 
 VIEW_SIDE = 64  # pixels
 POINTS = 1_000_000

@@ -12,19 +12,19 @@ import numpy as np
 
 from autonerf_lab.config import Preset
 from autonerf_lab.evaluators import finetuning
-from autonerf_lab.evaluators.ceiling import TrueField
-from autonerf_lab.evaluators.field import Field
+from autonerf_lab.evaluators.ground_truth import TrueMap, true_map
 from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.maps import free_scores, occupancy_scores, predict_states
 from autonerf_lab.evaluators.mesh import extract_mesh
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh
 from autonerf_lab.evaluators.navigation import evaluate_navigation, lay_floor
+from autonerf_lab.evaluators.oracle import TrueField
 from autonerf_lab.evaluators.planning import evaluate_planning, scene_tasks
 from autonerf_lab.evaluators.pose_refinement import Refinement, evaluate_pose_refinement
+from autonerf_lab.evaluators.radiance_field import Field
 from autonerf_lab.evaluators.rendering import evaluate_rendering, sample_test_poses, simulated_views
-from autonerf_lab.evaluators.result import TaskResult, failure
 from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_columns, semantic_scores
-from autonerf_lab.evaluators.truth import TrueMap, true_map
+from autonerf_lab.evaluators.task_result import TaskResult, failure
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.types import Score
 
@@ -172,7 +172,7 @@ def run_task(run: Run, name: str) -> tuple[list[Score], TaskResult]:
     """The rows of a task, and what it handed back.
 
     Raises:
-        Exception: memory or the disk is full, see :func:`~autonerf_lab.evaluators.result.failure`.
+        Exception: memory or the disk is full, see :func:`~autonerf_lab.evaluators.task_result.failure`.
     """
     start = time.perf_counter()
     try:

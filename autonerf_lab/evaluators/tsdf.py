@@ -1,4 +1,4 @@
-"""A yardstick for meshes: the walk's true depth, fused by the classical method (Curless and Levoy 1996).
+"""A baseline for meshes: the walk's true depth, fused by the classical method (Curless and Levoy 1996).
 
 Each image says how far every voxel is from the surface along its ray, cut off at four voxels; the mesh is where the
 mean over the images is zero. Poses are those of the walk, depth that of its sensor, up to 5 m. What a field learned
@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from autonerf_lab.config import Preset
+from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, MissingPackageError
-from autonerf_lab.evaluators.field import Field
 from autonerf_lab.evaluators.mesh import MIN_TRIANGLES, large_pieces
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh
-from autonerf_lab.evaluators.result import TaskResult
+from autonerf_lab.evaluators.radiance_field import Field
 from autonerf_lab.evaluators.scores import Scores
+from autonerf_lab.evaluators.task_result import TaskResult
 from autonerf_lab.evaluators.tasks import METRICS, Run, run_task
 from autonerf_lab.mapping.semantic_map import FAR
-from autonerf_lab.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import trimesh

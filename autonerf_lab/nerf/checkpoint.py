@@ -14,17 +14,17 @@ import numpy as np
 
 from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.nerf.bundles import Array, assign, to_numpy
-from autonerf_lab.nerf.field import NeRF
 from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import Model, ModelSpec
 from autonerf_lab.nerf.models import MODELS, model_spec
 from autonerf_lab.nerf.optimizer import Adam
+from autonerf_lab.nerf.radiance_field import NeRF
+from autonerf_lab.nerf.ray_batch import Array, assign, to_numpy
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.nerf.visibility import Visibility
-from autonerf_lab.plugins import package_of
-from autonerf_lab.storage import read_arrays, read_json, write_arrays, write_json
+from autonerf_lab.utils.plugins import package_of
+from autonerf_lab.utils.storage import read_arrays, read_json, write_arrays, write_json
 
 VERSION = 2
 SAVE_EVERY = 20.0  # seconds of training between two checkpoints

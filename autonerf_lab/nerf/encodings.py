@@ -1,7 +1,7 @@
 """Encodings of positions and directions: the readable torch reference, differentiable in everything.
 
-The CPU trains with :mod:`autonerf_lab.nerf.kernels.hashing`, which tests hold against the functions here; CUDA trains
-with these functions themselves.
+The CPU trains with :mod:`autonerf_lab.nerf.kernels.hash_encoding`, which tests hold against the functions here; CUDA
+trains with these functions themselves.
 """
 
 from dataclasses import dataclass

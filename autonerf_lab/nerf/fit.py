@@ -13,20 +13,20 @@ from tqdm.auto import tqdm
 
 from autonerf_lab import config
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.dataset import Dataset
+from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, TrainingError
-from autonerf_lab.nerf.bundles import Array
 from autonerf_lab.nerf.checkpoint import TrainingState
-from autonerf_lab.nerf.field import NeRF
 from autonerf_lab.nerf.frame import SPREAD, FieldFrame, inliers
 from autonerf_lab.nerf.model import Model, ModelSpec
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
-from autonerf_lab.nerf.pixels import Pixels
+from autonerf_lab.nerf.pixel_sampler import Pixels
+from autonerf_lab.nerf.radiance_field import NeRF
+from autonerf_lab.nerf.ray_batch import Array
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.nerf.visibility import VOXEL, Visibility, carve
-from autonerf_lab.trajectory import Trajectory
 
 SEEN_REACH = 8.0  # how far photographs see, in the field's units
 FAR_AWAY = 1000.0  # where their rays end

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from autonerf_lab.dataset import Dataset
+from autonerf_lab.data.dataset import Dataset
 
 SPREAD = 2.0  # what the typical distance of photographs' cameras from what they look at becomes, in the field's units
 OUTLIER = 10.0  # cameras so many times farther out than the typical one say nothing about where the scene is
@@ -33,7 +33,7 @@ class FieldFrame:
 
         Example:
             >>> from autonerf_lab.geometry import Intrinsics, planar_pose
-            >>> from autonerf_lab.trajectory import Trajectory
+            >>> from autonerf_lab.data.trajectory import Trajectory
             >>> ring = np.linspace(0, 6, 8)
             >>> poses = np.stack([planar_pose(9 * np.cos(a), 9 * np.sin(a), a + np.pi) for a in ring])
             >>> walk = Trajectory(poses, np.zeros((8, 2, 2, 3), np.uint8), None, None, Intrinsics.from_fov(2, 2))

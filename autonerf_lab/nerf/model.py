@@ -18,9 +18,9 @@ import numpy as np
 import torch
 
 from autonerf_lab.errors import UnknownNameError
-from autonerf_lab.nerf.bundles import Arrays, Learned, Rays, Rendered, Samples, Targets
-from autonerf_lab.nerf.cameras import Cameras
-from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS
+from autonerf_lab.nerf.kernels.tiling import BLOCK_RAYS
+from autonerf_lab.nerf.pose_offsets import Cameras
+from autonerf_lab.nerf.ray_batch import Arrays, Learned, Rays, Rendered, Samples, Targets
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 

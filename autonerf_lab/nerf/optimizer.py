@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from autonerf_lab.nerf.bundles import Array, Arrays
 from autonerf_lab.nerf.kernels.adam import adam
+from autonerf_lab.nerf.ray_batch import Array, Arrays
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.99, 1e-15  # as Nerfacto has them
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS
+from autonerf_lab.nerf.kernels.tiling import BLOCK_RAYS
 
 
 @dataclass(frozen=True)

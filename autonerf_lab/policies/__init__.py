@@ -8,7 +8,7 @@ from pathlib import Path
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.policies.base import Policy
 from autonerf_lab.policies.frontier import Frontier
-from autonerf_lab.policies.random_walk import RandomWalk, RandomWaypoints
+from autonerf_lab.policies.random_policies import RandomWalk, RandomWaypoints
 
 WEIGHTS = Path(__file__).parent / "weights"
 

@@ -12,7 +12,7 @@ from numba import njit
 from PIL import Image
 
 from autonerf_lab.geometry import planar_from_pose, world_to_cell
-from autonerf_lab.policies.views import pooled
+from autonerf_lab.policies.interfaces import pooled
 from autonerf_lab.types import Action, MapState, Observation
 
 

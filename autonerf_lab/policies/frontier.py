@@ -23,8 +23,8 @@ from autonerf_lab.geometry import (
 )
 from autonerf_lab.planning.dilation import dilate
 from autonerf_lab.planning.fast_marching import travel_distance
-from autonerf_lab.planning.local import LocalPolicy
-from autonerf_lab.policies.gain import RAYS, new_views, unknown_area
+from autonerf_lab.planning.local_policy import LocalPolicy
+from autonerf_lab.policies.information_gain import RAYS, new_views, unknown_area
 from autonerf_lab.types import Action, MapState, Observation
 
 _FULL_TURN = round(2 * np.pi / TURN_ANGLE)

@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
-from autonerf_lab.planning.local import LocalPolicy
+from autonerf_lab.planning.local_policy import LocalPolicy
+from autonerf_lab.policies.interfaces import View, done
 from autonerf_lab.policies.networks import batched, draw
-from autonerf_lab.policies.views import View, done
 from autonerf_lab.types import Action, MapState, Observation
 
 
@@ -21,7 +21,7 @@ class Modular:
         >>> from autonerf_lab.geometry import planar_pose
         >>> from autonerf_lab.mapping import empty_map
         >>> from autonerf_lab.policies.networks import CompactNetwork
-        >>> from autonerf_lab.policies.views import CompactView
+        >>> from autonerf_lab.policies.interfaces import CompactView
         >>> pose = planar_pose(0, 0, 0)
         >>> policy = Modular(CompactView(), CompactNetwork())
         >>> policy.reset(np.random.default_rng(0))

@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from torch.distributions import Categorical, Distribution, Independent, Normal
 
 from autonerf_lab.policies.egocentric import EgocentricView
-from autonerf_lab.policies.goal import STOP, GoalView
-from autonerf_lab.policies.views import HEADINGS, CompactView, PaperView
+from autonerf_lab.policies.interfaces import HEADINGS, CompactView, PaperView
+from autonerf_lab.policies.pointgoal import STOP, GoalView
 from autonerf_lab.types import Action
 
 _IMPOSSIBLE = -1e4  # logit of a block that holds no place

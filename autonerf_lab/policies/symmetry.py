@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.distributions import Categorical, Distribution
 
-from autonerf_lab.policies.views import CompactView
+from autonerf_lab.policies.interfaces import CompactView
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Turn:
         return cls(*(bool(bit) for bit in rng.integers(2, size=3)))
 
     def seen(self, seen: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """What a :class:`~autonerf_lab.policies.views.CompactView` shows, or a batch of it, turned."""
+        """What a :class:`~autonerf_lab.policies.interfaces.CompactView` shows, or a batch of it, turned."""
         x, y = seen["heading"][..., 0], seen["heading"][..., 1]
         images = [seen["map"], seen["reach"]]
         if self.swap:
@@ -67,7 +67,7 @@ TURNS = tuple(Turn(*bits) for bits in itertools.product((False, True), repeat=3)
 
 
 class Symmetric(nn.Module):
-    """A network of :class:`~autonerf_lab.policies.views.CompactView` that is asked about all eight images of a map.
+    """Mean of a network over the eight symmetric images of a map.
 
     Trained in all of them it still prefers a place a little more in one than in another; the mean of the eight logits
     is the same policy with less noise. On the development scenes it is worth half a percent of every area under the

@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from autonerf_lab.errors import DataError
-from autonerf_lab.storage import read_arrays, read_json, write_arrays, write_json
+from autonerf_lab.utils.storage import read_arrays, read_json, write_arrays, write_json
 
 VERSION = 1
 

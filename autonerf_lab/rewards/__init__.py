@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from autonerf_lab.errors import RewardError, UnknownNameError, WrongTypeError
-from autonerf_lab.plugins import installed
 from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, evaluate, fresh, name_of, unit_of
 from autonerf_lab.rewards.conformance import check_reward
 from autonerf_lab.rewards.cov import cov
@@ -22,6 +21,7 @@ from autonerf_lab.rewards.obs import obs
 from autonerf_lab.rewards.sem import sem
 from autonerf_lab.rewards.view import view
 from autonerf_lab.rewards.weighted_sum import WeightedSum
+from autonerf_lab.utils.plugins import installed
 
 
 def curiosity() -> LearnedReward:
@@ -53,7 +53,7 @@ def available() -> dict[str, Callable[..., Any]]:
     """Built-in rewards and those of installed packages, as in :data:`REWARDS`.
 
     One that does not import, is no reward, fails on a made-up step, or takes a name that exists is left out with a
-    :class:`~autonerf_lab.plugins.PluginWarning`.
+    :class:`~autonerf_lab.utils.plugins.PluginWarning`.
     """
     return installed("rewards", REWARDS, object, check_reward)
 

@@ -9,7 +9,7 @@ from torch import nn
 from torch.nn.functional import leaky_relu, one_hot
 
 from autonerf_lab.geometry import block_shares
-from autonerf_lab.rewards.learning import Learner, State, check_state, seeded
+from autonerf_lab.rewards.learner import Learner, State, check_state, seeded
 from autonerf_lab.types import Action, MapState, Observation, Transition
 
 SIDE = 42  # pixels a side of what the encoder sees

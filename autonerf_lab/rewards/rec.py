@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from autonerf_lab.rewards.concepts import DESCRIPTOR, Concepts, describe
-from autonerf_lab.rewards.learning import Learner, State, check_state, seeded
+from autonerf_lab.rewards.learner import Learner, State, check_state, seeded
+from autonerf_lab.rewards.visual_concepts import DESCRIPTOR, Concepts, describe
 from autonerf_lab.types import Observation, Transition
 
 EVERY = 5  # steps between two rewards
@@ -25,8 +25,8 @@ class Reconstruction:
     """How much better places never shown can be told from what was seen, nats: the decrease of a mean KL divergence.
 
     At the start of an episode the reward is shown places of the scene. Every 5 steps it predicts which visual concepts
-    (50 clusters of descriptors, :mod:`~autonerf_lab.rewards.concepts`) are seen from each of them: attention over the
-    8 nearest views of the robot, by their pose relative to the place and how far they look; what attends to none
+    (50 clusters of descriptors, :mod:`~autonerf_lab.rewards.visual_concepts`) are seen from each: attention over
+    the 8 nearest views of the robot, by their pose relative to the place and how far they look; what attends to none
     of them falls back on how frequent each concept is. The reward is by how much ``KL(true | predicted)`` fell, in the
     mean over the places, and 0 at all other steps and before 50 concepts are known. As in the paper the predictor and
     the concepts are learned; unlike there the descriptors are made by hand instead of by ImageNet.

@@ -3,7 +3,7 @@
 import numpy as np
 
 from autonerf_lab.scenes.cabinets import _tap
-from autonerf_lab.scenes.models import Model
+from autonerf_lab.scenes.furniture_model import Model
 
 
 def toilet(rng: np.random.Generator) -> Model:

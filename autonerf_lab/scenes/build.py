@@ -5,9 +5,9 @@ from functools import partial
 import numpy as np
 
 from autonerf_lab.classes import CLASS_NAMES
-from autonerf_lab.scenes.materials import GLOSS
-from autonerf_lab.scenes.patches import Patches, build_patches, triangulate
+from autonerf_lab.scenes.procedural_textures import GLOSS
 from autonerf_lab.scenes.scene import Scene
+from autonerf_lab.scenes.tessellation import Patches, build_patches, triangulate
 
 
 def build(spec: dict) -> Scene:
@@ -32,6 +32,6 @@ def build(spec: dict) -> Scene:
 
 
 def _texture(spec: dict, patches: Patches) -> np.ndarray:
-    from autonerf_lab.scenes.bake import bake  # embree and the kernels: only for those who want colours
+    from autonerf_lab.scenes.texture_baking import bake  # embree and the kernels: only for those who want colours
 
     return bake(spec, patches)

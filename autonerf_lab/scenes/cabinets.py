@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from autonerf_lab.scenes.models import Model, pick
+from autonerf_lab.scenes.furniture_model import Model, pick
 
 
 def dining_table(rng: np.random.Generator, room_for: float = 1.8) -> Model:

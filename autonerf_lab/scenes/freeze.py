@@ -13,12 +13,12 @@ import numpy as np
 from PIL import Image
 
 from autonerf_lab.errors import SceneError
-from autonerf_lab.scenes.apartment import generate_spec
 from autonerf_lab.scenes.build import build
+from autonerf_lab.scenes.generator import generate_spec
 from autonerf_lab.scenes.library import folder, scene_names
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.spec import dumps, read_spec
-from autonerf_lab.storage import read_json, write_bytes, write_json
+from autonerf_lab.utils.storage import read_json, write_bytes, write_json
 
 FIRST_SEED = {"train": 1_000, "dev": 2_000, "val": 3_000}
 

@@ -20,9 +20,9 @@ from shapely.geometry import MultiPolygon, Polygon, box
 from shapely.ops import unary_union
 
 from autonerf_lab.errors import SceneError
-from autonerf_lab.scenes.apartment import STAGES, to_spec
 from autonerf_lab.scenes.build import build
 from autonerf_lab.scenes.floorplan import add_entrance, add_windows, place_openings, plan_rooms, shared_walls
+from autonerf_lab.scenes.generator import STAGES, to_spec
 from autonerf_lab.scenes.layout import DOOR_HEIGHT, LIVING, Layout, Opening, Rect, Room, net_polygon
 from autonerf_lab.scenes.scene import Scene
 

@@ -9,9 +9,9 @@ from shapely.strtree import STRtree
 
 from autonerf_lab.classes import CLASS_NAMES
 from autonerf_lab.geometry import AGENT_RADIUS, CAMERA_HEIGHT
-from autonerf_lab.scenes.columns import occupied_columns
-from autonerf_lab.scenes.patches import rotation
+from autonerf_lab.scenes.height_band import occupied_columns
 from autonerf_lab.scenes.scene import Scene
+from autonerf_lab.scenes.tessellation import rotation
 
 CELL = 0.025  # metres
 TOUCH = 0.012  # metres between things that rest on each other

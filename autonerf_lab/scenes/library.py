@@ -9,7 +9,7 @@ from autonerf_lab.errors import SceneError, UnknownNameError
 from autonerf_lab.scenes.build import build
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.spec import read_spec
-from autonerf_lab.storage import read_json
+from autonerf_lab.utils.storage import read_json
 
 SPLITS = {"train": 25, "dev": 5, "val": 5}
 

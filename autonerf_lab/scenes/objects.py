@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from autonerf_lab.scenes.models import Model, extent, pick
+from autonerf_lab.scenes.furniture_model import Model, extent, pick
 
 BOOK_COLOURS, PICTURES, RUGS = 10, 8, 4
 

@@ -103,13 +103,13 @@ class Scene:
             (H, W, 3) uint8, row 0 at the *largest* y (north up), white where there is nothing; and the world x, y of
             the lower left corner of the picture.
         """
-        from autonerf_lab.scenes.view import top_view
+        from autonerf_lab.scenes.top_view import top_view
 
         return top_view(self, pixels_per_metre, cut)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the scene from above, in metres."""
-        from autonerf_lab.scenes.view import plot
+        from autonerf_lab.scenes.top_view import plot
 
         return plot(self, ax)
 
@@ -121,8 +121,8 @@ class Scene:
         Raises:
             DataError: a file cannot be written.
         """
-        from autonerf_lab.scenes.gltf import export_glb
-        from autonerf_lab.scenes.sidecar import write_sidecar
+        from autonerf_lab.scenes.gltf_export import export_glb
+        from autonerf_lab.scenes.semantics_file import write_sidecar
 
         written = export_glb(self, Path(path), semantic)
         write_sidecar(self, written)
@@ -134,6 +134,6 @@ class Scene:
         Raises:
             DataError: the file cannot be written.
         """
-        from autonerf_lab.scenes.page import write_page
+        from autonerf_lab.scenes.scene_page import write_page
 
         return write_page(self, Path(path))

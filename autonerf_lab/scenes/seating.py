@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from autonerf_lab.scenes.models import Model, pick
+from autonerf_lab.scenes.furniture_model import Model, pick
 
 
 def chair(rng: np.random.Generator, kind: str | None = None) -> Model:

@@ -13,8 +13,8 @@ from typing import Any
 
 from autonerf_lab.classes import CLASS_NAMES
 from autonerf_lab.errors import SceneError
-from autonerf_lab.scenes.materials import KINDS
-from autonerf_lab.scenes.patches import SHAPES
+from autonerf_lab.scenes.procedural_textures import KINDS
+from autonerf_lab.scenes.tessellation import SHAPES
 
 FORMAT, VERSION = "autonerf-lab scene", 1
 MAX_PARTS, MAX_REACH, MAX_BYTES = 100_000, 500.0, 64 * 2**20

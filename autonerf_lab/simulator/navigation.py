@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import AGENT_RADIUS, cell_to_world
-from autonerf_lab.scenes.columns import occupied_columns
+from autonerf_lab.scenes.height_band import occupied_columns
 from autonerf_lab.scenes.scene import Scene
 
 CELL = 0.025  # metres

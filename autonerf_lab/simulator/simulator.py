@@ -10,11 +10,11 @@ import numpy as np
 from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, planar_pose
 from autonerf_lab.scenes.scene import Scene
-from autonerf_lab.simulator.gloss import NONE, gloss_of
+from autonerf_lab.simulator.motion_noise import Motion, Noise, compose
 from autonerf_lab.simulator.navigation import NavigationGrid, build_navigation
-from autonerf_lab.simulator.noise import Motion, Noise, compose
-from autonerf_lab.simulator.raster import chunk_bounds, rasterize, shade
+from autonerf_lab.simulator.rasterizer import chunk_bounds, rasterize, shade
 from autonerf_lab.simulator.raycast import Hits, RayCaster
+from autonerf_lab.simulator.specular import NONE, gloss_of
 from autonerf_lab.types import Action, Observation
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from tqdm import tqdm
 
 from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.policies.frontier import Frontier
+from autonerf_lab.policies.interfaces import WINDOW_METRES, View, done
 from autonerf_lab.policies.symmetry import Turn
-from autonerf_lab.policies.views import WINDOW_METRES, View, done
 from autonerf_lab.rewards import Reward
 from autonerf_lab.training.settings import PolicySettings
 
@@ -42,7 +42,7 @@ def demonstrate(view: View, settings: PolicySettings, reward: str | Reward, prog
     """Watch frontier exploration for ``settings.demonstrations`` episodes.
 
     Example:
-        >>> from autonerf_lab.policies.views import CompactView
+        >>> from autonerf_lab.policies.interfaces import CompactView
         >>> from autonerf_lab.training.settings import settings_of
         >>> short = settings_of("modular-cov", demonstrations=1, episode=4, sensor=16)
         >>> decisions = demonstrate(CompactView(), short, "cov")

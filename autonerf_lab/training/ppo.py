@@ -18,7 +18,7 @@ from torch import Tensor
 
 from autonerf_lab.policies.networks import RECURRENT
 from autonerf_lab.training.settings import PolicySettings
-from autonerf_lab.training.workers import WorkerPool
+from autonerf_lab.training.worker_pool import WorkerPool
 
 
 class _Networked(BasePolicy):

@@ -1,7 +1,7 @@
 """Train a policy: ``train_policy("modular-obs", "runs/modular-obs")``.
 
 Before PPO a global policy imitates frontier exploration (:mod:`autonerf_lab.training.imitation`), and one that goes to
-places a robot that knows the way (:mod:`autonerf_lab.training.shortest_way`).
+places a robot that knows the way (:mod:`autonerf_lab.training.shortest_path_expert`).
 
 The folder holds the checkpoint, written between episodes, when the environments have no state but the number of the
 next one; ``policy.safetensors`` and ``.json``, what a walk needs; ``curve.csv`` and ``curve.png``; and the
@@ -32,18 +32,18 @@ from autonerf_lab.envs.waypoint import WaypointEnv
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError
 from autonerf_lab.policies import weights_path, weights_sha256
 from autonerf_lab.policies.egocentric import EgocentricView
-from autonerf_lab.policies.goal import GoalView
 from autonerf_lab.policies.networks import RecurrentNetwork, make_network, make_view
+from autonerf_lab.policies.pointgoal import GoalView
 from autonerf_lab.policies.weights import load_weights, save_weights
 from autonerf_lab.rewards import LearnedReward, Reward, make_reward
 from autonerf_lab.scenes import Scene
-from autonerf_lab.storage import read_arrays, write_arrays
+from autonerf_lab.training.augmentation import Symmetry
 from autonerf_lab.training.imitation import demonstrate, imitate
 from autonerf_lab.training.ppo import TimedBuffer, make_ppo, network_of, numbers, restore
 from autonerf_lab.training.settings import POINTGOAL, PolicySettings, command_of, settings_of
-from autonerf_lab.training.shortest_way import learn_the_way
-from autonerf_lab.training.symmetry import Symmetry
-from autonerf_lab.training.workers import WorkerPool
+from autonerf_lab.training.shortest_path_expert import learn_the_way
+from autonerf_lab.training.worker_pool import WorkerPool
+from autonerf_lab.utils.storage import read_arrays, write_arrays
 
 CHECKPOINT = "checkpoint.safetensors"
 SAVE_EVERY = 60.0  # seconds between two checkpoints

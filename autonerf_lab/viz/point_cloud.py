@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from autonerf_lab import storage
 from autonerf_lab.errors import DataError
-from autonerf_lab.evaluators.field import surface_points
+from autonerf_lab.evaluators.radiance_field import surface_points
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.viz.paint import paint
+from autonerf_lab.utils import storage
+from autonerf_lab.viz.render_image import paint
 
 if TYPE_CHECKING:
-    from autonerf_lab.evaluators.field import Field
+    from autonerf_lab.evaluators.radiance_field import Field
 
 VIEW_RAYS = 2048  # in one training camera: fewer would see more of them, but rendering pays for each picture
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm.auto import tqdm
 
-from autonerf_lab import storage
 from autonerf_lab.errors import DataError, UnknownNameError
-from autonerf_lab.viz.extras import optional
-from autonerf_lab.viz.paint import LAYERS, paint
+from autonerf_lab.utils import storage
+from autonerf_lab.utils.extras import optional
+from autonerf_lab.viz.render_image import LAYERS, paint
 
 if TYPE_CHECKING:
-    from autonerf_lab.evaluators.field import Field
+    from autonerf_lab.evaluators.radiance_field import Field
     from autonerf_lab.geometry import Intrinsics
 
 SIDE_BY_SIDE = ("rgb", "depth", "semantics")  # what "all" shows
@@ -35,7 +35,7 @@ def save_video(
 
     Args:
         field: a trained NeRF.
-        path: (F, 4, 4) camera-to-world, world frame, one a frame: see :mod:`autonerf_lab.viz.paths`.
+        path: (F, 4, 4) camera-to-world, world frame, one a frame: see :mod:`autonerf_lab.viz.camera_paths`.
         file: ``.mp4`` (H.264, plays everywhere) or ``.gif``.
         fps: frames a second.
         what: ``rgb``, ``depth``, ``semantics``, ``opacity``, or ``all`` for the first three side by side

@@ -14,7 +14,7 @@ from autonerf_lab.evaluators.rendering import psnr
 from autonerf_lab.nerf import fit
 from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
 from autonerf_lab.nerf.settings import Settings
-from autonerf_lab.scenes.apartment import generate_spec
+from autonerf_lab.scenes.generator import generate_spec
 
 GOAL = 27.0  # dB
 EVERY = 4.0  # seconds of training between two looks

@@ -1,4 +1,4 @@
-"""How well can one explore at all? A greedy explorer who knows what there is to find: the yardstick from above."""
+"""How well can one explore at all? A greedy explorer who knows what there is to find: the baseline from above."""
 
 import numpy as np
 import torch
@@ -6,9 +6,9 @@ from numba import njit
 
 from autonerf_lab.geometry import FORWARD_STEP, TURN_ANGLE, cell_to_world, planar_from_pose, world_to_cell
 from autonerf_lab.policies.frontier import travel_from_robot
-from autonerf_lab.policies.gain import RAYS
+from autonerf_lab.policies.information_gain import RAYS
+from autonerf_lab.policies.interfaces import CompactView, pooled
 from autonerf_lab.policies.modular import Modular
-from autonerf_lab.policies.views import CompactView, pooled
 from autonerf_lab.types import MapState
 
 LATTICE = 0.3  # metres between the places that are compared

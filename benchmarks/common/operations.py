@@ -21,7 +21,7 @@ compositing, losses, the optimiser, and all waiting for memory.
 from dataclasses import dataclass
 
 from autonerf_lab.nerf.fields.hash_field import HARMONICS
-from autonerf_lab.nerf.kernels.blocks import GEOMETRY
+from autonerf_lab.nerf.kernels.tiling import GEOMETRY
 from autonerf_lab.nerf.settings import ProposalSettings
 
 

@@ -14,23 +14,23 @@ import torch
 from common.views import read_views
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.dataset import Dataset
+from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
-from autonerf_lab.machine import peak_gb
 from autonerf_lab.nerf import fit
-from autonerf_lab.nerf.bundles import assign, to_numpy
 from autonerf_lab.nerf.checkpoint import TrainingState
-from autonerf_lab.nerf.field import NeRF
 from autonerf_lab.nerf.fit import train_step
 from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
-from autonerf_lab.nerf.pixels import Pixels
+from autonerf_lab.nerf.pixel_sampler import Pixels
+from autonerf_lab.nerf.radiance_field import NeRF
+from autonerf_lab.nerf.ray_batch import assign, to_numpy
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.nerf.visibility import VOXEL, Visibility
-from autonerf_lab.trajectory import Trajectory
+from autonerf_lab.utils.resources import peak_gb
 
 NOTHING_SEEN = Visibility(np.zeros(3), VOXEL, np.zeros((1, 1, 1), bool))
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from shapely import Polygon
 
-from autonerf_lab.dataset import Dataset
+from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.data.trajectory import Trajectory, load_trajectory
 from autonerf_lab.evaluators.nearest_view import NearestView
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views, sample_test_poses
 from autonerf_lab.scenes import Scene, generate_apartment, load_scene
 from autonerf_lab.simulator import Simulator
-from autonerf_lab.trajectory import Trajectory, load_trajectory
 
 TEST_SEED, TRAIN_SEED = 0, 1
 

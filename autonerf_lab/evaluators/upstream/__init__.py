@@ -11,13 +11,13 @@ import numpy as np
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.evaluators import pose_refinement as standard
-from autonerf_lab.evaluators.ceiling import TrueField
 from autonerf_lab.evaluators.mesh import extract_mesh, surface_bounds
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh
+from autonerf_lab.evaluators.oracle import TrueField
 from autonerf_lab.evaluators.planning import grow, planning_scores, scene_tasks
 from autonerf_lab.evaluators.rendering import sample_test_poses
-from autonerf_lab.evaluators.result import TaskResult
 from autonerf_lab.evaluators.semantic_maps import point_cloud
+from autonerf_lab.evaluators.task_result import TaskResult
 from autonerf_lab.evaluators.tasks import METRICS, Run
 from autonerf_lab.evaluators.upstream import maps, planning, pose_refinement
 

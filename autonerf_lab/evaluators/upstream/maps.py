@@ -13,9 +13,9 @@ import numpy as np
 from scipy import ndimage
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.evaluators.field import Field
+from autonerf_lab.evaluators.ground_truth import BAND, Grid, TrueMap
 from autonerf_lab.evaluators.planning import grow
-from autonerf_lab.evaluators.truth import BAND, Grid, TrueMap
+from autonerf_lab.evaluators.radiance_field import Field
 
 BOTTOM, TOP = BAND[0], 1.5  # metres, of the columns
 LEVELS = 47

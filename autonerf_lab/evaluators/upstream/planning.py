@@ -11,8 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from scipy.spatial import cKDTree
 
+from autonerf_lab.evaluators.ground_truth import TrueMap
 from autonerf_lab.evaluators.planning import SUCCESS_DISTANCE, Episode, Tasks, grow
-from autonerf_lab.evaluators.truth import TrueMap
 from autonerf_lab.evaluators.upstream.maps import MIN_PIECE, large_pieces
 from autonerf_lab.planning.fast_marching import descend, path_length, travel_distance
 

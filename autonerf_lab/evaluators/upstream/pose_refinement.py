@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from autonerf_lab.evaluators.field import Field
+from autonerf_lab.evaluators.radiance_field import Field
 from autonerf_lab.geometry import Intrinsics
 
 START_DEG, START_M = 5.0, 0.03

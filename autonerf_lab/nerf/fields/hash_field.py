@@ -16,11 +16,11 @@ the same in torch in :mod:`autonerf_lab.nerf.fields.torch_hash_field`.
 import numpy as np
 import torch
 
-from autonerf_lab.nerf.bundles import NO_LABEL, Arrays, Learned, Rays, Rendered, Samples, Targets
 from autonerf_lab.nerf.encodings import HashGrid, spherical_harmonics
-from autonerf_lab.nerf.kernels import fused, volume
-from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS, CHUNKS, GEOMETRY
-from autonerf_lab.nerf.kernels.hashing import hash_encode, hash_encode_backward, hash_encode_points_backward
+from autonerf_lab.nerf.kernels import fused, volume_rendering
+from autonerf_lab.nerf.kernels.hash_encoding import hash_encode, hash_encode_backward, hash_encode_points_backward
+from autonerf_lab.nerf.kernels.tiling import BLOCK_RAYS, CHUNKS, GEOMETRY
+from autonerf_lab.nerf.ray_batch import NO_LABEL, Arrays, Learned, Rays, Rendered, Samples, Targets
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import HashSettings
 
@@ -99,7 +99,9 @@ class Encoder:
         count, samples = middles.shape
         x = self._buffer("x", 3, count * samples)
         box = self.box
-        volume.ray_points(rays.origins, rays.directions, middles, box.center, box.half, np.float32(box.shell), x)
+        volume_rendering.ray_points(
+            rays.origins, rays.directions, middles, box.center, box.half, np.float32(box.shell), x
+        )
         enc = self._buffer("enc", count // BLOCK_RAYS, 2 * len(self.grid.offsets), BLOCK_RAYS * samples)
         hash_encode(x, self.table, *self._layout, enc)
         return x, enc
@@ -124,7 +126,7 @@ class Encoder:
         d_x, d_o, d_d = np.empty_like(x), np.empty_like(rays.origins), np.empty_like(rays.directions)
         hash_encode_points_backward(x, self.table, d_enc, *self._layout, d_x)
         box = self.box
-        volume.ray_points_backward(
+        volume_rendering.ray_points_backward(
             rays.origins, rays.directions, middles, box.center, box.half, np.float32(box.shell), d_x, d_o, d_d
         )
         return d_o, d_d
@@ -200,7 +202,9 @@ class HashField:
         return Rendered(color, logits, depth, weights)
 
     def density(self, points: np.ndarray) -> np.ndarray:
-        return np.exp(np.minimum(self._geometry(points)[:, 0] + volume.LOG_SIGMA_START, volume.MAX_LOG_SIGMA))
+        return np.exp(
+            np.minimum(self._geometry(points)[:, 0] + volume_rendering.LOG_SIGMA_START, volume_rendering.MAX_LOG_SIGMA)
+        )
 
     def color(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
         p = self._values

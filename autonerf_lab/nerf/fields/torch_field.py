@@ -11,7 +11,7 @@ import torch
 from torch.nn import functional
 
 from autonerf_lab.nerf import rendering
-from autonerf_lab.nerf.bundles import NO_DEPTH, Arrays, Learned, Rays, Rendered, Samples, Targets
+from autonerf_lab.nerf.ray_batch import NO_DEPTH, Arrays, Learned, Rays, Rendered, Samples, Targets
 from autonerf_lab.nerf.settings import Settings
 
 Tensors = dict[str, torch.Tensor]

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit, prange
 
-from autonerf_lab.nerf.kernels.blocks import ONE, ZERO
+from autonerf_lab.nerf.kernels.tiling import ONE, ZERO
 
 SMALL = 1 << 16  # values that one thread updates before another has woken up
 

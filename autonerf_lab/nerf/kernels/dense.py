@@ -9,8 +9,8 @@ Constants are float32 because one int or double makes it all double.
 
 from numba import njit
 
-from autonerf_lab.nerf.kernels.blocks import LANES, ZERO
-from autonerf_lab.nerf.kernels.lanes import load, multiply_add, positive, store, zeros
+from autonerf_lab.nerf.kernels.simd import load, multiply_add, positive, store, zeros
+from autonerf_lab.nerf.kernels.tiling import LANES, ZERO
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")

@@ -13,15 +13,15 @@ output (16, H); colour first layer from the geometry features (H, 16) and from t
 output (4, H), of which 3 rows are used; semantic hidden (H, 16) and output (C, H). ``transposed`` holds the same
 matrices transposed, for the way back.
 
-Blocks, chunks and padding: :mod:`autonerf_lab.nerf.kernels.blocks`.
+Blocks, chunks and padding: :mod:`autonerf_lab.nerf.kernels.tiling`.
 """
 
 import numpy as np
 from numba import njit, prange
 
-from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS, CHUNKS, GEOMETRY, LANES, ONE, TWO, ZERO, buffer
 from autonerf_lab.nerf.kernels.dense import dense, dense_add, relu, relu_backward, weight_gradient
-from autonerf_lab.nerf.kernels.volume import (
+from autonerf_lab.nerf.kernels.tiling import BLOCK_RAYS, CHUNKS, GEOMETRY, LANES, ONE, TWO, ZERO, buffer
+from autonerf_lab.nerf.kernels.volume_rendering import (
     distortion,
     expected_depth_error,
     median_depth,

@@ -3,9 +3,9 @@
 import numpy as np
 from numba import njit, prange
 
-from autonerf_lab.nerf.kernels.blocks import BLOCK_RAYS, CHUNKS, ONE, ZERO, buffer
 from autonerf_lab.nerf.kernels.dense import dense, relu, relu_backward, weight_gradient
-from autonerf_lab.nerf.kernels.volume import interlevel, ray_weights, ray_weights_backward
+from autonerf_lab.nerf.kernels.tiling import BLOCK_RAYS, CHUNKS, ONE, ZERO, buffer
+from autonerf_lab.nerf.kernels.volume_rendering import interlevel, ray_weights, ray_weights_backward
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")

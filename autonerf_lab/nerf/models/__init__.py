@@ -11,7 +11,7 @@ function that pairs a field with a sampler (``examples/tiny_model.py`` is one, w
 from autonerf_lab.errors import UnknownNameError, WrongTypeError
 from autonerf_lab.nerf.model import ModelSpec
 from autonerf_lab.nerf.models import instant_ngp, semantic_nerf, semantic_nerfacto
-from autonerf_lab.plugins import installed
+from autonerf_lab.utils.plugins import installed
 
 MODELS: dict[str, ModelSpec] = {
     "semantic-nerf": semantic_nerf.SPEC,

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 
 from autonerf_lab.nerf import rendering
-from autonerf_lab.nerf.bundles import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.fields.torch_field import TorchField
 from autonerf_lab.nerf.model import Field
+from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.settings import SemanticNerfSettings
 
 PADDING = 1e-5  # added to every weight

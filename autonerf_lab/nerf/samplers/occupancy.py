@@ -4,10 +4,10 @@ import numpy as np
 import torch
 
 from autonerf_lab.nerf import rendering
-from autonerf_lab.nerf.bundles import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.fields.torch_field import middle_points
-from autonerf_lab.nerf.kernels import march, volume
+from autonerf_lab.nerf.kernels import ray_marching, volume_rendering
 from autonerf_lab.nerf.model import Field
+from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import OccupancySettings
 
@@ -38,10 +38,10 @@ class OccupancySampler:
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         s, box, count = self.settings, self.box, len(rays)
         edges = np.empty((count, s.candidates + 1), np.float32)
-        volume.first_edges(np.float32(s.near), np.float32(s.far), np.float32(s.turn), jitter, edges)
+        volume_rendering.first_edges(np.float32(s.near), np.float32(s.far), np.float32(s.turn), jitter, edges)
         starts, ends = np.empty((count, s.samples), np.float32), np.empty((count, s.samples), np.float32)
         density = self.state["occupancy"]
-        march.occupied_bins(
+        ray_marching.occupied_bins(
             rays.origins, rays.directions, edges, box.center, box.half, np.float32(box.shell),
             density, min(np.float32(s.occupied), density.mean()), np.float32(s.reach), jitter, starts, ends,
         )  # fmt: skip

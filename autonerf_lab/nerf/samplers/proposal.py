@@ -4,13 +4,13 @@ import numpy as np
 import torch
 
 from autonerf_lab.nerf import rendering
-from autonerf_lab.nerf.bundles import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.encodings import HashGrid, hash_encode
 from autonerf_lab.nerf.fields.hash_field import TABLE_START, Buffers, Encoder, he_uniform, transposed
 from autonerf_lab.nerf.fields.torch_field import gradients_of, middle_points, tensors
-from autonerf_lab.nerf.kernels import proposals, volume
-from autonerf_lab.nerf.kernels.blocks import CHUNKS
+from autonerf_lab.nerf.kernels import proposals, volume_rendering
+from autonerf_lab.nerf.kernels.tiling import CHUNKS
 from autonerf_lab.nerf.model import Field
+from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import ProposalSettings
 
@@ -50,7 +50,7 @@ class ProposalSampler:
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         s, count = self.settings, len(rays)
         edges = self._buffer("edges 0", count, s.proposal_samples[0] + 1)
-        volume.first_edges(np.float32(s.near), np.float32(s.far), np.float32(s.turn), jitter, edges)
+        volume_rendering.first_edges(np.float32(s.near), np.float32(s.far), np.float32(s.turn), jitter, edges)
         rounds = []
         for k, following in enumerate((*s.proposal_samples[1:], s.samples)):
             samples = edges.shape[1] - 1
@@ -59,7 +59,7 @@ class ProposalSampler:
             proposals.propose(self._matrices(k), enc, edges, weights, raw)
             rounds.append((x, enc, edges, weights, raw))
             finer = self._buffer(f"edges {k + 1}", count, following + 1)
-            volume.resample(edges, weights, jitter, np.float32(s.padding / samples), finer)
+            volume_rendering.resample(edges, weights, jitter, np.float32(s.padding / samples), finer)
             edges = finer
         return Samples.between(edges, (edges, rounds))
 

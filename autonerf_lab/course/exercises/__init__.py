@@ -1,0 +1,1 @@
+"""Exercises of the notebooks, with their solutions and checks."""

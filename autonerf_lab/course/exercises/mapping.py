@@ -1,0 +1,174 @@
+"""Exercises of notebook 02: from depth to cells, and the distance field."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from autonerf_lab.course.checker import Case, Exercise, Mistake
+from autonerf_lab.geometry import planar_pose
+
+_ORIGIN = np.array([-1.0, -2.0])
+_POSE = planar_pose(1.1, 1.2, 0.0)
+_MAP = (_POSE, np.zeros(2), 0.5)
+
+
+def world_to_cell(x: float, y: float, origin: np.ndarray, cell: float) -> list[int]:
+    column = np.floor((x - origin[0]) / cell)  # floor, so that it goes on below zero
+    row = np.floor((y - origin[1]) / cell)
+    return [int(row), int(column)]
+
+
+def marked(right: float, up: float, depth: float, pose: np.ndarray, origin: np.ndarray, cell: float) -> list[int]:
+    if not 0.5 <= depth <= 5.0:
+        return []
+    x, y, z = pose[:3, 3] + depth * (pose[:3, :3] @ np.array([right, up, -1.0]))
+    obstacle = 0.25 <= z <= pose[2, 3] + 0.01
+    return [*world_to_cell(x, y, origin, cell), int(obstacle)]
+
+
+def eikonal_update(a: float, b: float) -> float:
+    if abs(a - b) >= 1:  # only one of the two is upwind
+        return min(a, b) + 1
+    return (a + b + np.sqrt(2 - (a - b) ** 2)) / 2
+
+
+def _marked(
+    right: float,
+    up: float,
+    depth: float,
+    pose: np.ndarray,
+    origin: np.ndarray,
+    cell: float,
+    *,
+    reach: Sequence[float] = (0.5, 5.0),
+    band: Sequence[float] = (0.25, 0.89),
+    ray: bool = False,
+    from_camera: bool = False,
+) -> list[int]:
+    """With something else than the map's rules."""
+    if not reach[0] <= depth <= reach[1]:
+        return []
+    direction = np.array([right, up, -1.0])
+    if ray:
+        direction /= np.linalg.norm(direction)
+    x, y, z = pose[:3, 3] + depth * (pose[:3, :3] @ direction)
+    height = z - pose[2, 3] if from_camera else z
+    return [*world_to_cell(x, y, origin, cell), int(band[0] <= height <= band[1])]
+
+
+WORLD_TO_CELL = Exercise(
+    "02-world-to-cell",
+    "[row, column] of the cell that holds the world point x, y.",
+    (
+        Case("x = 0.2, y = 0.1, origin (-1, -2), cells of 0.5 m", (0.2, 0.1, _ORIGIN, 0.5), [4, 2]),
+        Case("x = 0.49, y = 0.9: nearly in the next column", (0.49, 0.9, _ORIGIN, 0.5), [5, 2]),
+        Case("x = -1.3, y = -1.9: to the left of the map", (-1.3, -1.9, _ORIGIN, 0.5), [0, -1]),
+    ),
+    world_to_cell,
+    (
+        Mistake(
+            "Arrays are indexed [row, column], which is [y, x].",
+            lambda x, y, origin, cell: world_to_cell(x, y, origin, cell)[::-1],
+        ),
+        Mistake(
+            "int() cuts towards zero, so that the cell left of column 0 becomes column 0 too: use floor.",
+            lambda x, y, origin, cell: [int((y - origin[1]) / cell), int((x - origin[0]) / cell)],
+        ),
+        Mistake(
+            "A cell reaches from its number to the next: round() begins half a cell too early.",
+            lambda x, y, origin, cell: [round((y - origin[1]) / cell), round((x - origin[0]) / cell)],
+        ),
+        Mistake(
+            "Cell [0, 0] does not lie in the world's origin: subtract where the map begins.",
+            lambda x, y, origin, cell: [int(np.floor(y / cell)), int(np.floor(x / cell))],
+        ),
+        Mistake(
+            "Metres divided by metres a cell are cells.",
+            lambda x, y, origin, cell: [int(np.floor((y - origin[1]) * cell)), int(np.floor((x - origin[0]) * cell))],
+        ),
+    ),
+)
+
+MARKED = Exercise(
+    "02-marked",
+    "[row, column, is it an obstacle] of the cell that a pixel marks, [] when it is no measurement.",
+    (
+        Case("a wall 2 m ahead, at the height of the camera", (0.0, 0.0, 2.0, *_MAP), [2, 6, 1]),
+        Case("the floor 2 m ahead (up = -0.44)", (0.0, -0.44, 2.0, *_MAP), [2, 6, 0]),
+        Case("a box 2 m ahead (up = -0.25)", (0.0, -0.25, 2.0, *_MAP), [2, 6, 1]),
+        Case("a lamp 2 m ahead (up = 0.3)", (0.0, 0.3, 2.0, *_MAP), [2, 6, 0]),
+        Case("a chair at a depth of 2.4 m, off to the right (right = 0.5)", (0.5, -0.1, 2.4, *_MAP), [0, 7, 1]),
+        Case("a depth of 0.3 m", (0.0, 0.0, 0.3, *_MAP), []),
+        Case("a depth of 6 m", (0.0, 0.0, 6.0, *_MAP), []),
+    ),
+    marked,
+    (
+        Mistake(
+            "The sensor measures from 0.5 m to 5 m: anything else is no measurement.",
+            lambda *args: _marked(*args, reach=(0.0, np.inf)),
+        ),
+        Mistake("Below 0.5 m the sensor measures nothing.", lambda *args: _marked(*args, reach=(0.0, 5.0))),
+        Mistake("Beyond 5 m the sensor measures nothing.", lambda *args: _marked(*args, reach=(0.5, np.inf))),
+        Mistake(
+            "The robot passes under a lamp: above the camera there are no obstacles.",
+            lambda *args: _marked(*args, band=(0.25, np.inf)),
+        ),
+        Mistake(
+            "The floor is no obstacle: the band begins 25 cm above it.",
+            lambda *args: _marked(*args, band=(-0.01, 0.89)),
+        ),
+        Mistake(
+            "Heights count from the floor, and the camera is 0.88 m above it.",
+            lambda *args: _marked(*args, from_camera=True),
+        ),
+        Mistake(
+            "Depth is measured along the optical axis: do not give the ray length 1.",
+            lambda *args: _marked(*args, ray=True),
+        ),
+        Mistake(
+            "[row, column] is [y, x].",
+            lambda *args: [*marked(*args)[1::-1], *marked(*args)[2:]],
+        ),
+    ),
+)
+
+EIKONAL_UPDATE = Exercise(
+    "02-eikonal-update",
+    "The distance of a cell, in cells, from the smaller neighbour on each axis: a across the rows, b along the row.",
+    (
+        Case("a = 0, b = inf: only one neighbour is known", (0.0, np.inf), 1.0),
+        Case("a = b = 1", (1.0, 1.0), 1 + np.sqrt(2) / 2),
+        Case("a = 2, b = 2.6", (2.0, 2.6), 2.9403124),
+        Case("a = 3, b = 1: the wave has passed b long before a", (3.0, 1.0), 2.0),
+        Case("a = inf, b = 5", (np.inf, 5.0), 6.0),
+    ),
+    eikonal_update,
+    (
+        Mistake(
+            "This is Dijkstra's update: it walks along one axis only. Solve (T - a)^2 + (T - b)^2 = 1.",
+            lambda a, b: min(a, b) + 1,
+        ),
+        Mistake(
+            "The quadratic equation has no solution when a and b are more than a cell apart. Which one counts then?",
+            lambda a, b: (a + b + np.sqrt(2 - (a - b) ** 2)) / 2,
+        ),
+        Mistake(
+            "When a and b are more than a cell apart, the cell is reached from the nearer one alone.",
+            lambda a, b: (a + b + np.sqrt(max(0.0, 2 - (a - b) ** 2))) / 2,
+        ),
+        Mistake(
+            "A wave moves on: of the two roots the larger one is meant.",
+            lambda a, b: min(a, b) + 1 if abs(a - b) >= 1 else (a + b - np.sqrt(2 - (a - b) ** 2)) / 2,
+        ),
+        Mistake(
+            "The cell is reached from the nearer neighbour: min, not max.",
+            lambda a, b: max(a, b) + 1 if abs(a - b) >= 1 else eikonal_update(a, b),
+        ),
+        Mistake(
+            "Half of it: the formula for the roots of a quadratic equation ends with a division by two.",
+            lambda a, b: min(a, b) + 1 if abs(a - b) >= 1 else a + b + np.sqrt(2 - (a - b) ** 2),
+        ),
+    ),
+)
+
+EXERCISES = (WORLD_TO_CELL, MARKED, EIKONAL_UPDATE)

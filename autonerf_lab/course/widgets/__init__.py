@@ -1,0 +1,1 @@
+"""Interactive widgets of the notebooks."""

@@ -1,0 +1,1 @@
+"""Posed images: trajectories, photographs and the ``transforms.json`` format they share."""

@@ -1,0 +1,5 @@
+"""Rollouts of a policy in a scene, and their replay."""
+
+from autonerf_lab.exploration.rollout import MAP_SIZE, explore
+
+__all__ = ["MAP_SIZE", "explore"]

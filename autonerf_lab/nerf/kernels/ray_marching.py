@@ -1,0 +1,82 @@
+"""Marching rays through an occupancy grid (Müller et al. 2022, appendix E)."""
+
+import numpy as np
+from numba import njit, prange
+
+from autonerf_lab.nerf.kernels.tiling import ONE, ZERO
+
+OPAQUE = np.float32(1e-2)  # share of the light below which nothing behind matters
+
+
+@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def occupied_bins(
+    rays_o, rays_d, edges, center, half, shell, density, threshold, reach, jitter, starts, ends
+):  # fmt: skip
+    """S bins of equal length in the occupied stretches of each ray.
+
+    A ray ends where, by the grid's densities, no light is left; but a cell says that something in it is opaque, not
+    that all of it is, so that a ray which only grazes an edge goes on for ``reach`` metres of occupied space. A ray
+    through empty space alone is divided as a whole.
+
+    Args:
+        rays_o, rays_d: (R, 3) float32, unit directions.
+        edges: (R, P + 1) distances of the steps that ask the grid, metres.
+        center, half, shell: of the box, as in :func:`~autonerf_lab.nerf.kernels.volume_rendering.ray_points`.
+        density: (X, Y, Z) of the grid over the contracted cube, per metre.
+        threshold: density from which a cell is occupied.
+        reach: metres.
+        jitter: (R,) in [0, 1), where in each bin's place its middle falls; 0.5 for evaluation.
+        starts, ends: (R, S), written.
+    """
+    steps, count = edges.shape[1] - 1, starts.shape[1]
+    for r in prange(rays_o.shape[0]):
+        occupied = np.zeros(steps, np.bool_)
+        total, light = ZERO, ONE
+        for i in range(steps):
+            t, length = np.float32(0.5) * (edges[r, i] + edges[r, i + 1]), edges[r, i + 1] - edges[r, i]
+            found = density[_cell(rays_o, rays_d, r, t, center, half, shell, density.shape)]
+            if found >= threshold:
+                occupied[i] = True
+                total += length
+                light *= np.exp(-found * length)
+                if light < OPAQUE and total > reach:
+                    break
+        if total == ZERO:
+            occupied[:] = True
+            total = edges[r, steps] - edges[r, 0]
+        width = total / np.float32(count)
+        passed, k = ZERO, 0
+        for i in range(steps):
+            if not occupied[i]:
+                continue
+            length = edges[r, i + 1] - edges[r, i]
+            while k < count:
+                # the middle of bin k, counted in metres of occupied space
+                wanted = (np.float32(k) + np.float32(0.25) + np.float32(0.5) * jitter[r]) * width
+                if wanted > passed + length:
+                    break
+                middle = edges[r, i] + (wanted - passed)
+                starts[r, k], ends[r, k] = middle - np.float32(0.5) * width, middle + np.float32(0.5) * width
+                k += 1
+            passed += length
+        while k < count:  # rounding at the very end
+            starts[r, k], ends[r, k] = edges[r, steps], edges[r, steps]
+            k += 1
+
+
+@njit(inline="always")
+def _cell(rays_o, rays_d, r, t, center, half, shell, shape):
+    i = _index(rays_o[r, 0] + t * rays_d[r, 0], center[0], half[0], shell, shape[0])
+    j = _index(rays_o[r, 1] + t * rays_d[r, 1], center[1], half[1], shell, shape[1])
+    k = _index(rays_o[r, 2] + t * rays_d[r, 2], center[2], half[2], shell, shape[2])
+    return i, j, k
+
+
+@njit(inline="always")
+def _index(position, center, half, shell, size):
+    u = (position - center) / half
+    beyond = abs(u) - ONE
+    if beyond > ZERO:
+        u = np.sign(u) * (ONE + shell - shell * shell / (beyond + shell))
+    x = np.float32(0.5) + np.float32(0.5) * u / (ONE + shell)
+    return min(max(int(x * np.float32(size)), 0), size - 1)

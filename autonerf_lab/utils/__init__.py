@@ -1,0 +1,1 @@
+"""Storage, machine resources, optional packages and plug-ins."""

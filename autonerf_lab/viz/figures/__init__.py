@@ -1,0 +1,53 @@
+"""Figures of evaluations, trajectories and trainings; each function returns a matplotlib Figure."""
+
+from autonerf_lab.viz.figures.evaluation import (
+    bird_view,
+    confusion,
+    map_overlay,
+    mesh_view,
+    planned_paths,
+    refinement_trace,
+    render_comparison,
+    walk_view,
+)
+from autonerf_lab.viz.figures.finetuning import practice
+from autonerf_lab.viz.figures.geometry import cross_section, density_sections, depth_errors
+from autonerf_lab.viz.figures.maps import draw_map, draw_robot, map_extent
+from autonerf_lab.viz.figures.navigation import walked_paths
+from autonerf_lab.viz.figures.rollouts import rollouts
+from autonerf_lab.viz.figures.story import explored_area, refinement_frames, shown_camera, walk_frames
+from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, SKY, YELLOW, nothing, plain_log
+from autonerf_lab.viz.figures.training import learning_curve, running_mean
+
+__all__ = [
+    "BLUE",
+    "GREEN",
+    "ORANGE",
+    "SKY",
+    "YELLOW",
+    "bird_view",
+    "confusion",
+    "cross_section",
+    "density_sections",
+    "depth_errors",
+    "draw_map",
+    "draw_robot",
+    "explored_area",
+    "learning_curve",
+    "map_extent",
+    "map_overlay",
+    "mesh_view",
+    "nothing",
+    "plain_log",
+    "planned_paths",
+    "practice",
+    "refinement_frames",
+    "refinement_trace",
+    "render_comparison",
+    "rollouts",
+    "running_mean",
+    "shown_camera",
+    "walk_frames",
+    "walk_view",
+    "walked_paths",
+]

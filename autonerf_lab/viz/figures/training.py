@@ -1,0 +1,51 @@
+"""How a policy learned."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE
+
+SMOOTH = 8  # points of the running mean: episodes in large and small apartments differ more than a lesson
+_LABELS = {
+    "reward": ("reward an episode", BLUE),
+    "explored_m2": ("explored area (m²)", ORANGE),
+    "success": ("success (%)", ORANGE),
+    "spl": ("SPL (%)", GREEN),
+}
+
+
+def running_mean(values: np.ndarray, width: int) -> np.ndarray:
+    """Means of ``width`` neighbours, as many fewer as have not enough.
+
+    Example:
+        >>> running_mean(np.array([1.0, 3.0, 5.0]), 2).tolist()
+        [2.0, 4.0]
+    """
+    return np.convolve(values, np.full(width, 1 / width), "valid")
+
+
+def learning_curve(curve: Sequence[dict[str, float]], title: str) -> Figure:
+    """Reward of the training episodes, and explored area or success, over the frames.
+
+    Args:
+        curve: of :func:`autonerf_lab.training.train_policy`: ``frames``, ``reward`` and what else it holds in a row.
+        title: over the figure.
+
+    Example:
+        >>> rows = [{"frames": 100.0 * k, "reward": float(k), "explored_m2": 2.0 * k} for k in range(20)]
+        >>> [ax.get_ylabel() for ax in learning_curve(rows, "modular-obs").axes]
+        ['reward an episode', 'explored area (m²)']
+    """
+    figure = Figure(figsize=(9, 2.8), layout="constrained")
+    panels = [(key, label, color) for key, (label, color) in _LABELS.items() if key in curve[0]]
+    for ax, (key, label, color) in zip(figure.subplots(1, len(panels)), panels, strict=True):
+        frames, values = (np.array([row[name] for row in curve]) for name in ("frames", key))
+        ax.plot(frames, values, color=color, alpha=0.3)
+        if len(values) >= 2 * SMOOTH:
+            ax.plot(frames[SMOOTH - 1 :], running_mean(values, SMOOTH), color=color)
+        ax.set(xlabel="frames", ylabel=label)
+        ax.grid(alpha=0.3)
+    figure.suptitle(title)
+    return figure

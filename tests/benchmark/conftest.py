@@ -1,0 +1,11 @@
+"""Worker processes of these tests find the fake cells."""
+
+import os
+
+import pytest
+from fake_grid import SUPPORT
+
+
+@pytest.fixture(autouse=True)
+def workers_find_the_fake(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")]))

@@ -1,0 +1,271 @@
+"""A grid runs every cell once, whatever happens to the others, and refuses what it cannot do before it begins."""
+
+import errno
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from fake_grid import GRID, NAMES, SUPPORT, log, run, statuses
+
+from autonerf_lab.benchmark import Grid, load_results, local_workers, paper_grid, run_grid
+from autonerf_lab.benchmark import run as run_module
+from autonerf_lab.benchmark.export import publish
+from autonerf_lab.benchmark.local_workers import Limits, run_in_processes
+from autonerf_lab.benchmark.results import open_results
+from autonerf_lab.benchmark.worker import Job
+from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.utils.resources import cores
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_every_cell_runs_once_and_twice_changes_nothing(tmp_path, workers):
+    results = run(tmp_path, workers=workers)
+    assert sorted(log(tmp_path)) == sorted(NAMES)
+    assert statuses(results) == dict.fromkeys(NAMES, "ok")
+    before = [path.read_bytes() for path in publish(results)]
+    assert [path.read_bytes() for path in publish(run(tmp_path, workers=workers))] == before
+    assert len(log(tmp_path)) == len(NAMES)
+
+
+def test_threads_are_divided(tmp_path):
+    run(tmp_path, workers=2)
+    assert {line.split()[1] for line in (tmp_path / "log").read_text().splitlines()} == {str(max(1, cores() // 2))}
+
+
+def test_a_cell_that_goes_wrong_does_so_alone_and_is_retried_on_request(tmp_path):
+    told = {NAMES[1]: "kill", NAMES[4]: "failed: odd"}
+    results = run(tmp_path, told)
+    wrong = {NAMES[1]: "died", NAMES[4]: "failed"}
+    assert statuses(results) == dict.fromkeys(NAMES, "ok") | wrong
+    assert statuses(run(tmp_path)) == statuses(results), "nothing is tried again without being asked"
+    assert statuses(run(tmp_path, retry=["died"])) == dict.fromkeys(NAMES, "ok") | {NAMES[4]: "failed"}
+    assert statuses(run(tmp_path, retry=["failed"])) == dict.fromkeys(NAMES, "ok")
+    assert sorted(log(tmp_path)) == sorted([*NAMES, NAMES[1], NAMES[4]])
+
+
+def test_a_cell_that_hangs_is_ended(tmp_path):
+    results = run(tmp_path, {NAMES[0]: "hang"}, timeout=20)
+    assert statuses(results) == dict.fromkeys(NAMES, "ok") | {NAMES[0]: "timeout"}
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the system does not say what a process holds")
+def test_a_cell_that_grows_is_ended(tmp_path):
+    results = run(tmp_path, {NAMES[0]: "grow"}, memory_gb=0.9)
+    assert statuses(results) == dict.fromkeys(NAMES, "ok") | {NAMES[0]: "oom"}
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_full_disk_stops_the_run_and_loses_nothing(tmp_path, workers):
+    with pytest.raises(DataError, match="No space left"):
+        run(tmp_path, {NAMES[3]: "full"}, workers=workers)
+    assert statuses(load_results(tmp_path / "out")) == dict.fromkeys(NAMES[:3], "ok")
+    assert statuses(run(tmp_path, workers=workers)) == dict.fromkeys(NAMES, "ok")
+    assert sorted(log(tmp_path)) == sorted([*NAMES, NAMES[3]])
+
+
+LIMITED = """
+import resource, sys
+sys.path.insert(0, sys.argv[1])
+import fake_grid as t, pathlib
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
+try:
+    t.run(pathlib.Path(sys.argv[2]), workers=int(sys.argv[4]))
+except t.DataError as error:
+    sys.exit(f"error: {error}")
+"""
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_writes_that_really_fail_stop_the_run_and_lose_nothing(tmp_path, workers):
+    """Files may grow to no more than the first cell's outcome has, less a byte."""
+    pytest.importorskip("resource")
+    run(tmp_path, grid=Grid(GRID.policies, GRID.scenes, 1, preset="smoke"))
+    size = (tmp_path / "out/cells" / f"{NAMES[0]}.json").stat().st_size
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "told.json").write_text("{}")
+    words = [sys.executable, "-c", LIMITED, str(SUPPORT), str(other), str(size - 1), str(workers)]
+    found = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert found.returncode == 1 and f"{NAMES[0]}.json: File too large" in found.stderr, found.stderr
+    assert not statuses(load_results(other / "out")) and not list(other.rglob(".*"))
+    assert statuses(run(other)) == dict.fromkeys(NAMES, "ok")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no disk that is always full")
+def test_a_log_on_a_full_disk_hides_no_outcome(tmp_path):
+    (tmp_path / "out/work").mkdir(parents=True)
+    for name in NAMES[:3]:
+        (tmp_path / "out/work" / f"{name}.log").symlink_to("/dev/full")
+    open_results(tmp_path / "new", GRID)
+    (tmp_path / "new/grid.json").rename(tmp_path / "out/grid.json")
+    (tmp_path / "told.json").write_text(json.dumps({NAMES[2]: errno.ENOSPC}))
+    with pytest.raises(DataError, match="No space left on device; what is finished stays"):
+        run_grid(GRID, tmp_path / "out", function="fake_cell:run_real")
+    found = [outcome.status for outcome in load_results(tmp_path / "out").outcomes()]
+    assert found == ["failed: ValueError: odd"] * 2
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_cell_is_not_ok_without_a_file(tmp_path, monkeypatch, workers):
+    monkeypatch.setattr(run_module, "PATIENCE", 0.5)
+    with pytest.raises(DataError, match=rf"{NAMES[1]}\.json is not there: every worker must see the folder .*/out"):
+        run(tmp_path, {NAMES[1]: "forget"}, workers=workers)
+    assert statuses(load_results(tmp_path / "out")) == {NAMES[0]: "ok"}
+
+
+def test_a_file_that_a_network_shows_late_is_waited_for(tmp_path):
+    assert statuses(run(tmp_path, {NAMES[1]: "late"}, workers=0)) == dict.fromkeys(NAMES, "ok")
+
+
+def test_memory_is_watched_however_often_answers_come(tmp_path, monkeypatch):
+    looks = []
+
+    class Quick:
+        """A worker that answers at once."""
+
+        def __init__(self, limits, answers):
+            self.answers = answers
+
+        def give(self, job):
+            self.job = job
+            self.answers.put((self, "done"))
+
+        def look(self):
+            looks.append(self.job)
+
+        def status(self, line):
+            time.sleep(0.001)
+            return line
+
+        def ended(self, line):
+            return False
+
+        def stop(self):
+            pass
+
+    monkeypatch.setattr(local_workers, "_Process", Quick)
+    monkeypatch.setattr(local_workers, "LOOK_EVERY", 0.02)
+    jobs = [Job(GRID.cells()[0], str(tmp_path)) for _ in range(200)]
+    assert [status for _, status in run_in_processes(jobs, 2, Limits())] == ["done"] * 200
+    assert len(looks) >= 5
+
+
+def test_a_peak_is_that_of_its_cell(tmp_path, monkeypatch):
+    """The first cell holds 300 MB, the second, in the same process, does not."""
+    from autonerf_lab import pipeline
+    from autonerf_lab.benchmark import cell as cell_module
+    from autonerf_lab.utils import resources
+
+    if not (resources.PROC / "clear_refs").exists():
+        pytest.skip("the system cannot forget a peak")
+    peaks, sizes = [], iter([300 << 20, 1])
+
+    def hold(*arguments, **options):
+        block = bytearray(next(sizes))
+        block[:: 1 << 10] = b"x" * len(block[:: 1 << 10])
+        peaks.append(resources.peak_gb())
+        raise ValueError("enough")
+
+    monkeypatch.setattr(pipeline, "begin", hold)
+    results = open_results(tmp_path / "out", GRID)
+    for cell in GRID.cells()[:2]:
+        assert cell_module.run_cell(cell, results.path).startswith("failed")
+    assert peaks[1] < peaks[0] - 0.2
+
+
+def test_only_what_a_write_left_is_tidied_away(tmp_path):
+    results = run(tmp_path)
+    left = [
+        ".grid.json.abcd_123",
+        "cells/.a.json.abcd1234",
+        "pictures/.b.webp.abcd1234",
+        "scenes/.c.txt.abcd1234",
+    ]
+    kept = [".notes", ".my.own.file", "cells/.DS_Store", "cells/.nfs00000000012345", "scenes/.keep.md.old"]
+    for name in (*left, *kept):
+        (results.path / name).parent.mkdir(exist_ok=True)
+        (results.path / name).touch()
+    (results.path / "cells/.d.json.abcd1234").mkdir()
+    (results.path / "cells/.e.json.abcd1234").symlink_to(results.path / ".notes")
+    results.tidy()
+    kept += ["cells/.d.json.abcd1234", "cells/.e.json.abcd1234"]
+    assert {str(path.relative_to(results.path)) for path in results.path.rglob(".*")} == set(kept)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
+def test_killed_and_resumed_is_the_same_table(tmp_path):
+    code = f"import sys; sys.path.insert(0, {str(SUPPORT)!r}); import fake_grid as t; from pathlib import Path\n"
+    code += "t.run(Path(sys.argv[1]), dict.fromkeys(t.NAMES, 'slow'))"
+    process = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 100
+    while len(list(tmp_path.glob("out/cells/*.json"))) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    (tmp_path / "out/cells/.half.json.abc_1234").write_text("{")
+    time.sleep(0.5)
+    begun = log(tmp_path)
+    done = set(statuses(load_results(tmp_path / "out")))
+    assert 2 <= len(done) < len(NAMES)
+    resumed = run(tmp_path)
+    assert statuses(resumed) == dict.fromkeys(NAMES, "ok")
+    assert not [name for name in log(tmp_path)[len(begun) :] if name in done], "done twice"
+    assert not list(tmp_path.rglob(".half*"))
+    other = tmp_path / "other"
+    other.mkdir()
+    tables = [path.read_bytes() for path in publish(run(other))]
+    assert [path.read_bytes() for path in publish(resumed)] == tables
+
+
+def test_a_second_process_is_kept_out(tmp_path):
+    from autonerf_lab.pipeline.run_folder import locked
+
+    run(tmp_path)
+    with locked(tmp_path / "out"), pytest.raises(RunFolderError, match="another process"):
+        run(tmp_path)
+
+
+def test_a_damaged_cell_is_named(tmp_path):
+    results = run(tmp_path)
+    path = tmp_path / "out/cells" / f"{NAMES[0]}.json"
+    path.write_text(path.read_text()[:100])
+    with pytest.raises(DataError, match=NAMES[0]):
+        results.outcomes()
+
+
+def test_names_of_groups():
+    from autonerf_lab.policies import POLICIES
+
+    grid = Grid(("all",), ("val", "dev-1"), models=("all",)).checked()
+    assert grid.policies == tuple(POLICIES)
+    assert grid.scenes == ("val-0", "val-1", "val-2", "val-3", "val-4", "dev-1")
+    assert len(paper_grid().policies) == 10 and paper_grid().starts == 5
+
+
+def test_a_cell_that_failed_begins_anew_and_one_that_was_ended_goes_on(tmp_path):
+    results = run(tmp_path, {NAMES[0]: "failed: a damaged file", NAMES[1]: "timeout: 9 s"})
+    cells = results.grid.cells()
+    for cell in cells[:2]:
+        (results.work(cell) / "run").mkdir(parents=True)
+    results.discard(results.outcomes()[:2])
+    assert [results.work(cell).exists() for cell in cells[:2]] == [False, True]
+
+
+def test_what_goes_wrong_inside_a_real_cell_is_its_status(tmp_path, monkeypatch):
+    from autonerf_lab import pipeline
+
+    errors = iter([MemoryError("nothing left"), ValueError("odd"), OSError(28, "No space left on device")])
+
+    def fail(*arguments, **options):
+        raise next(errors)
+
+    monkeypatch.setattr(pipeline, "begin", fail)
+    with pytest.raises(DataError, match=r"No space left on device.*what is finished stays"):
+        run_grid(GRID, tmp_path / "out", workers=0)
+    found = [outcome.status for outcome in load_results(tmp_path / "out").outcomes()]
+    assert found == ["oom: nothing left", "failed: ValueError: odd"]

@@ -1,0 +1,173 @@
+"""Maps: hand-worked grids, the truth of a scene drawn by hand, and what perfect, empty and displaced fields score."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy_scene
+
+from autonerf_lab.errors import SceneError
+from autonerf_lab.evaluators import TrueField
+from autonerf_lab.evaluators.ground_truth import Grid, TrueMap, true_map
+from autonerf_lab.evaluators.maps import CellState, free_scores, occupancy_scores, predict_states, share_within
+from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_columns, semantic_scores
+from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.simulator import Simulator
+
+U, F, O = CellState.UNKNOWN, CellState.FREE, CellState.OCCUPIED  # noqa: E741
+
+
+@pytest.fixture(scope="module")
+def sim():
+    return Simulator(toy_scene.two_rooms(), Intrinsics.from_fov(48, 48), supersample=1)
+
+
+@pytest.fixture(scope="module")
+def truth(sim):
+    return true_map(sim)
+
+
+@pytest.fixture(scope="module")
+def field(sim):
+    return TrueField(sim.scene, sim, views=300)
+
+
+def hand_map(rows: list[str], cell: float = 0.01) -> TrueMap:
+    """'#' occupied, '.' free, ' ' ignored, a digit: occupied by that class."""
+    letters = np.array([list(row) for row in rows])
+    occupied = (letters != ".") & (letters != " ")
+    semantics = np.stack([letters == str(k) for k in range(1, 16)])
+    return TrueMap(Grid(np.zeros(2), letters.shape, cell), occupied, occupied, letters == ".", semantics)
+
+
+HAND = hand_map(["     ", " ##  ", " #...", " #...", "     "])
+
+
+def test_free_scores_by_hand():
+    states = np.array([[U, U, U, U, U], [U, O, O, U, U], [U, O, F, F, U], [U, F, F, F, O], [F, F, F, F, F]])
+    # Of 6 free cells 4 are found, one is unknown, one taken for occupied; of 4 occupied one is taken for free
+    scores = free_scores(states, HAND)
+    assert scores["free_accuracy"] == pytest.approx(100 * (4 + 3) / 10)
+    assert scores["free_precision"] == pytest.approx(100 * 4 / 5)
+    assert scores["free_recall"] == pytest.approx(100 * 4 / 6)
+
+
+def test_a_map_without_free_cells_has_no_precision():
+    scores = free_scores(np.full((5, 5), U), HAND)
+    assert scores == {"free_accuracy": 40.0, "free_precision": None, "free_recall": 0.0}
+
+
+def test_occupancy_tolerance_by_hand():
+    truth = hand_map(["#........."])
+    states = np.array([[F, F, F, F, F, O, O, F, F, F]])
+    assert occupancy_scores(states, truth, tolerance=0.05) == {"occupancy_precision": 50.0, "occupancy_recall": 100.0}
+    assert occupancy_scores(states, truth, tolerance=0.04) == {"occupancy_precision": 0.0, "occupancy_recall": 0.0}
+
+
+def test_share_within_matches_a_naive_reference():
+    rng = np.random.default_rng(0)
+    cells, others = rng.integers(0, 60, (80, 2)), rng.integers(0, 60, (40, 2))
+    naive = np.mean([min(np.hypot(*(c - o)) for o in others) <= 5 for c in cells])
+    assert share_within(cells, others, 5) == pytest.approx(100 * naive)
+
+
+def test_semantic_scores_by_hand():
+    truth = hand_map(["44...", "44...", ".....", "....7", "....."])
+    labels = np.zeros((5, 5), np.uint8)
+    labels[0, :3] = 4  # two hits and one false alarm next to the object, two cells missed
+    scores = semantic_scores(labels, truth)
+    # class 4: accuracy 22/25, precision 2/3, recall 2/4; class 7: 24/25, 0, 0
+    assert scores["semantic_accuracy"] == pytest.approx(100 * (22 / 25 + 24 / 25) / 2)
+    assert scores["semantic_precision"] == pytest.approx(100 * (2 / 3) / 2)
+    assert scores["semantic_recall"] == pytest.approx(100 * (1 / 2) / 2)
+    assert scores["semantic_precision_5cm"] == pytest.approx(50)
+    assert scores["semantic_recall_5cm"] == pytest.approx(50)
+
+
+def test_a_scene_without_objects_has_no_semantic_scores():
+    assert set(semantic_scores(np.zeros((5, 5), np.uint8), HAND).values()) == {None}
+
+
+def test_points_outside_the_band_or_the_grid_name_nothing():
+    grid = Grid(np.zeros(2), (2, 2), 1.0)
+    points = np.array([[0.5, 0.5, 0.05], [0.5, 0.5, 0.95], [5, 5, 0.5], [1.5, 0.5, 0.5]])
+    assert semantic_columns(points, np.array([1, 2, 3, 4]), grid).tolist() == [[0, 4], [0, 0]]
+
+
+def test_truth_of_the_toy_scene(truth):
+    def at(x, y):
+        return tuple(np.floor((np.array([y, x]) - truth.grid.origin[::-1]) / truth.grid.cell).astype(int))
+
+    assert truth.free[at(3, 1.5)] and truth.free[at(4.05, 1.5)], "floor and doorway"
+    assert truth.occupied[at(1.0, 2.5)] and truth.semantics[3][at(1.0, 2.5)], "bed"
+    assert truth.semantics[6][at(5.5, 2.5)] and truth.occupied[at(5.5, 2.5)], "the table is seen from above"
+    assert not truth.scored[at(7.7, 0.3)], "inside the refrigerator"
+    assert not truth.scored[at(4.05, 0.5)], "inside the wall"
+    assert truth.classes == [4, 7, 10, 13]
+
+
+def test_perfect_geometry_makes_a_perfect_map(field, truth):
+    states = predict_states(field, truth.grid)
+    assert set(free_scores(states, truth).values()) == {100.0}
+    assert set(occupancy_scores(states, truth).values()) == {100.0}
+    scores = semantic_scores(semantic_columns(*point_cloud(field), truth.grid), truth)
+    assert scores["semantic_precision_5cm"] > 99.9 and scores["semantic_recall_5cm"] > 99
+
+
+class EmptyField(TrueField):
+    """Air everywhere, seen from everywhere."""
+
+    def density(self, points):
+        return np.zeros(len(points), np.float32)
+
+    def render(self, c2w, intrinsics):
+        image = super().render(c2w, intrinsics)
+        nothing = np.zeros_like(image.depth)
+        return replace(image, depth=nothing, opacity=nothing, semantics=np.zeros_like(image.semantics))
+
+
+def test_an_empty_field_recalls_nothing(sim, truth):
+    field = EmptyField(sim.scene, sim, views=3)
+    states = predict_states(field, truth.grid)
+    scores = free_scores(states, truth) | occupancy_scores(states, truth)
+    assert scores["occupancy_recall"] == 0.0 and scores["occupancy_precision"] is None
+    assert scores["free_recall"] == 100.0 and scores["free_precision"] < 95
+    assert semantic_scores(semantic_columns(*point_cloud(field), truth.grid), truth)["semantic_recall_5cm"] == 0.0
+
+
+class Displaced(TrueField):
+    """The true scene, moved along x."""
+
+    shift = 0.0
+
+    def density(self, points):
+        return super().density(points - np.array([self.shift, 0, 0]))
+
+
+def test_moved_walls_cost_what_they_should(sim, truth):
+    """A scene moved by 2 cm stays within tolerance; by 10 cm, walls across the motion are lost."""
+    scores = {}
+    for shift in (0.02, 0.10):
+        field = Displaced(sim.scene, sim, views=1)
+        field.shift = shift
+        states = predict_states(field, truth.grid)
+        scores[shift] = free_scores(states, truth) | occupancy_scores(states, truth)
+    assert scores[0.02]["occupancy_recall"] == 100.0
+    assert scores[0.10]["occupancy_recall"] < 99
+    assert 100 > scores[0.02]["free_recall"] > scores[0.10]["free_recall"]
+
+
+def test_unseen_columns_are_unknown(sim, truth):
+    class HalfSeen(TrueField):
+        def seen(self, points):
+            return points[:, 0] < 4
+
+    states = predict_states(HalfSeen(sim.scene, sim, views=1), truth.grid)
+    x = truth.grid.centers(np.argwhere(states == CellState.UNKNOWN))[:, 0]
+    assert x.min() >= 4 and np.all(states[:, -100:] == CellState.UNKNOWN)
+    assert free_scores(states, truth)["free_precision"] == 100.0
+
+
+def test_a_grid_that_would_not_fit_is_refused():
+    with pytest.raises(SceneError, match="map cells"):
+        Grid.over(np.array([[0, 0, 0], [1e4, 1e4, 3]]))

@@ -1,0 +1,83 @@
+"""The fused depth of a walk: surfaces where they are, and rows that stand beside those of a field."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy_scene
+
+from autonerf_lab.data.trajectory import Trajectory
+from autonerf_lab.errors import DataError, MissingPackageError
+from autonerf_lab.evaluators import TrueField, evaluate
+from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh
+from autonerf_lab.evaluators.tsdf import fuse
+from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.simulator import Simulator
+
+pytest.importorskip("open3d")
+
+
+@pytest.fixture(scope="module")
+def sim():
+    return Simulator(toy_scene.empty_room(), Intrinsics.from_fov(64, 64), supersample=1)
+
+
+@pytest.fixture(scope="module")
+def walk(sim):
+    rng = np.random.default_rng(0)
+    poses = np.stack([sim.sample_pose(rng) for _ in range(80)])
+    frames = [sim.render(c2w) for c2w in poses]
+    rgb, depth, semantics = (np.stack([getattr(f, key) for f in frames]) for key in ("rgb", "depth", "semantics"))
+    return Trajectory(poses, rgb, depth, semantics, sim.intrinsics, {"scene": sim.scene.name})
+
+
+def test_a_room_of_four_by_three_metres(sim, walk):
+    mesh = fuse(walk, 0.05)
+    np.testing.assert_allclose(mesh.bounds, [[0, 0, 0], [4, 3, 2.5]], atol=0.04)
+    values = evaluate_mesh(mesh, TrueField(sim.scene, sim, views=1), sim.scene).values
+    assert values["accuracy_m"] < 0.01 and values["completion_ratio"] > 90 and values["normal_consistency"] > 0.95
+    level = np.abs(mesh.face_normals[:, 2]) > 0.9
+    up, low = mesh.face_normals[level, 2] > 0, mesh.triangles_center[level, 2] < 1
+    assert (up == low).mean() > 0.99, "the floor faces up and the ceiling down"
+
+
+def test_half_a_pixel_matters(sim, walk):
+    """Where the middle of a pixel lies is easy to get wrong between two libraries."""
+    field = TrueField(sim.scene, sim, views=1)
+    accuracy = []
+    for shift in (-0.5, 0.0, 0.5):
+        k = replace(walk.intrinsics, cx=walk.intrinsics.cx + shift, cy=walk.intrinsics.cy + shift)
+        mesh = fuse(replace(walk, intrinsics=k), 0.05)
+        accuracy.append(evaluate_mesh(mesh, field, sim.scene, samples=5000).values["accuracy_m"])
+    assert accuracy[1] < 0.5 * min(accuracy[0], accuracy[2])
+
+
+def test_nothing_seen_is_an_empty_mesh(walk):
+    blind = replace(walk, depth=np.zeros_like(walk.depth[:3]), poses=walk.poses[:3], rgb=walk.rgb[:3])
+    assert len(fuse(blind, 0.05).faces) == 0
+    with pytest.raises(DataError, match="no depth"):
+        fuse(replace(walk, depth=None), 0.05)
+
+
+def test_it_stands_beside_the_mesh_of_a_field(sim, walk, monkeypatch):
+    field = TrueField(sim.scene, sim, views=1)
+    beside = evaluate(field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=walk).baselines["tsdf"]
+    assert beside["mesh", "completion_ratio"] > 90 and {row.model for row in beside} == {"tsdf"}
+    without = evaluate(field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=replace(walk, depth=None))
+    assert without.baselines == {}
+
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(MissingPackageError, match=r"autonerf-lab\[open3d\]"):
+        fuse(walk, 0.05)
+    beside = evaluate(field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=walk).baselines["tsdf"]
+    assert {row.status for row in beside} == {"open3d_missing"} and {row.value for row in beside} == {None}
+
+
+def test_kernels_run_without_a_warning_after_open3d_has_been_loaded():
+    code = "import autonerf_lab as lab, open3d; print(lab.generate_apartment(1).texture.shape)"
+    done = subprocess.run(
+        [sys.executable, "-W", "error::numba.NumbaWarning", "-c", code], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,81 @@
+"""A grid of real cells, as small as it gets, from the command line; killed in the middle and run again."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from autonerf_lab.benchmark import load_results
+from autonerf_lab.pipeline.run_folder import STAGES
+
+CELL = "dev-0_random_0_semantic-nerfacto"
+TIMES = ["seconds"]
+
+
+def command(out: Path) -> list[str]:
+    words = "bench run --policies random --scenes dev-0 --starts 1 --preset smoke --out"
+    return [sys.executable, "-m", "autonerf_lab.cli", *words.split(), str(out)]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    """The results of an uninterrupted run. Treat as read-only."""
+    out = tmp_path_factory.mktemp("bench") / "out"
+    result = subprocess.run(command(out), capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.splitlines()[1].split() == ["1/1", CELL, "ok"]
+    return out
+
+
+def test_a_cell_has_every_score_and_leaves_little(finished):
+    (outcome,) = load_results(finished).outcomes()
+    assert list(outcome.stages) == ["scene", "explore", "fit", "evaluate", "exploration"]
+    assert set(outcome.stages) - {"exploration"} <= set(STAGES)
+    tasks = {row.task for row in outcome.scores}
+    assert tasks == {"rendering", "maps", "planning", "pose_refinement", "mesh", "exploration", "reward"}
+    assert {(row.policy, row.scene, row.start, row.model) for row in outcome.scores} == {
+        ("random", "dev-0", 0, "semantic-nerfacto")
+    }
+    values = {row.metric: row.value for row in outcome.scores if row.task in ("exploration", "reward")}
+    # the reward of explored area is what the map gained after the first image
+    assert 0 < values["cov"] <= values["explored_area_m2"]
+    assert 0 < values["coverage_auc"] <= values["coverage"] <= 100
+    for curve in outcome.curves.values():
+        assert len(curve) == 50 and curve == sorted(curve)
+    assert sum(file.stat().st_size for file in finished.rglob("*") if file.is_file()) < 2e6
+    assert not list(finished.glob("work/*")) and len(list(finished.glob("pictures/*.webp"))) == 3
+
+
+def test_scores_are_a_table_for_other_programs(finished):
+    rows = pd.read_csv(finished / "scores.csv", keep_default_na=False, na_values={"value": [""]})
+    assert len(rows) == len(load_results(finished).outcomes()[0].scores)
+    psnr = rows[(rows.task == "rendering") & (rows.metric == "psnr")]
+    assert 3 < psnr.value.item() < 40
+    if (finished / "scores.parquet").exists():
+        pd.testing.assert_frame_equal(pd.read_parquet(finished / "scores.parquet"), rows, check_dtype=False)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
+def test_killed_and_resumed_is_the_same_table(finished, tmp_path):
+    out = tmp_path / "out"
+    begun = out / "work" / CELL / "run/run.json"
+    process = subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 300
+    while not (begun.exists() and "fit" in json.loads(begun.read_text())["stages"]):
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    walked = json.loads(begun.read_text())["stages"]["explore"]
+    assert subprocess.run(command(out), capture_output=True, check=False).returncode == 0
+    (outcome,) = load_results(out).outcomes()
+    assert outcome.stages["explore"] == walked, "the walk was not walked again"
+    assert (out / "tables.md").read_bytes() == (finished / "tables.md").read_bytes()
+    ours, theirs = (pd.read_csv(folder / "scores.csv").drop(columns=TIMES) for folder in (out, finished))
+    pd.testing.assert_frame_equal(ours, theirs, check_exact=True)

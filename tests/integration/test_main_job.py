@@ -1,0 +1,182 @@
+"""The main job with real parts at every stage, as small as it gets, from the command line."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from autonerf_lab.pipeline.run_folder import STAGES
+
+ROOT = Path(__file__).parents[2]
+
+
+def command(*arguments) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, "-m", "autonerf_lab.cli", *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A demo of the smoke preset, and what it printed. Treat as read-only."""
+    folder = tmp_path_factory.mktemp("demo") / "run"
+    result = command("demo", "--preset", "smoke", "--out", folder)
+    assert result.returncode == 0, result.stderr
+    return folder, result.stdout
+
+
+@pytest.fixture
+def run(finished, tmp_path):
+    """A copy to spoil."""
+    return Path(shutil.copytree(finished[0], tmp_path / "run"))
+
+
+def test_every_stage_left_what_it_makes(finished):
+    folder, printed = finished
+    assert list(json.loads((folder / "run.json").read_text())["stages"]) == list(STAGES)
+    for name in ("scene.json", "trajectory/transforms.json", "nerf/nerf.json", "scores.json", "mesh/mesh.json"):
+        assert (folder / name).stat().st_size > 0
+    assert printed.rstrip().endswith(f"report: {folder / 'report.html'}")
+    assert not list(folder.rglob(".*")), "no temporary file is left"
+
+
+def test_every_task_was_scored_beside_the_yardsticks(finished):
+    folder, _ = finished
+    rows = json.loads((folder / "scores.json").read_text())["scores"]
+    assert {row["task"] for row in rows} == {"rendering", "maps", "planning", "pose_refinement", "mesh"}
+    assert not [row for row in rows if row["status"].startswith("failed")]
+    assert {path.stem for path in (folder / "baselines").iterdir()} == {"nearest_view", "tsdf", "oracle"}
+    oracle = json.loads((folder / "baselines/oracle.json").read_text())["scores"]
+    by_name = {row["metric"]: row["value"] for row in oracle}
+    assert by_name["free_precision"] == by_name["free_recall"] == 100
+
+
+def test_report_shows_every_section(finished):
+    text = (finished[0] / "report.html").read_text()
+    for section in ("walk", "rendering", "geometry", "maps", "planning", "pose_refinement", "mesh", "scores", "cost"):
+        assert f'id="{section}"' in text
+    assert len(text) < 20e6
+
+
+def test_what_is_kept_beside_the_scores_is_shown(finished):
+    details = json.loads((finished[0] / "scores.json").read_text())["details"]
+    assert len(details["rendering"]["test_poses_x_y_heading"]) == 8
+    assert sum(details["planning"]["reasons"]["PointGoal"].values()) == 10
+    text = (finished[0] / "report.html").read_text()
+    assert "<th>episodes</th>" in text and "<td>PointGoal</td>" in text and "<td>ObjectGoal: " in text
+
+
+def test_what_takes_long_and_other_definitions_are_asked_for_by_name(run):
+    before = (run / "scores.json").read_bytes()
+    result = command("evaluate", run, "--overwrite", "--optional", "navigatoin")
+    assert result.returncode == 1 and "valid names: finetuning, navigation" in result.stderr
+    assert (run / "scores.json").read_bytes() == before, "nothing is lost"
+    asked = ("--optional", "navigation", "--interest-regions", "--upstream")
+    result = command("evaluate", run, "--overwrite", *asked)
+    assert result.returncode == 0, result.stderr
+    header = next(line for line in result.stdout.splitlines() if line.startswith("task"))
+    assert [name.strip() for name in header.split("|")][-4:] == ["oracle", "nearest_view", "tsdf", "upstream"]
+    rows = json.loads((run / "scores.json").read_text())["scores"]
+    assert {row["task"] for row in rows} >= {"navigation"}
+    assert {row["preset"] for row in rows} == {"smoke, refine_interest=True"}
+    rows = json.loads((run / "baselines/upstream.json").read_text())["scores"]
+    assert {row["task"] for row in rows} == {"maps", "planning", "pose_refinement", "mesh"}
+    assert not [row for row in rows if row["status"].startswith("failed")]
+    assert command("report", run).returncode == 0
+    assert 'id="navigation"' in (run / "report.html").read_text()
+
+
+def test_a_mesh_in_another_format_and_size(run):
+    assert command("mesh", run, "--overwrite", "--format", "stl").returncode == 1
+    assert command("mesh", run, "--overwrite", "--voxel", "-1").returncode == 1
+    assert (run / "mesh/mesh.json").exists(), "nothing is lost"
+    result = command("mesh", run, "--overwrite", "--voxel", "0.1", "--format", "ply")
+    assert result.returncode == 0, result.stderr
+    counts = json.loads((run / "mesh/mesh.json").read_text())
+    assert counts["voxel_m"] == 0.1 and not list(run.glob("mesh/*.glb"))
+    assert len(list(run.glob("mesh/*.ply"))) == (2 if counts["triangles"] else 0)
+
+
+def test_second_time_is_refused(finished):
+    folder, _ = finished
+    result = command("demo", "--preset", "smoke", "--out", folder)
+    assert result.returncode == 1
+    assert re.fullmatch(r"error: .*finished run .*report\.html.*--overwrite\n", result.stderr)
+
+
+def test_same_seed_same_bits(run):
+    """The fit again, in a new process, from the folder alone."""
+    before = (run / "nerf/nerf.safetensors").read_bytes()
+    result = command("fit", run, "--overwrite")
+    assert result.returncode == 0, result.stderr
+    assert (run / "nerf/nerf.safetensors").read_bytes() == before
+
+
+def test_trajectory_of_another_scene(run):
+    path = run / "trajectory/transforms.json"
+    content = json.loads(path.read_text())
+    content["autonerf_lab"] |= {"scene": "val-1", "scene_sha256": "0" * 64}
+    path.write_text(json.dumps(content))
+    result = command("fit", run, "--overwrite")
+    assert result.returncode == 1 and "walked in another scene ('val-1')" in result.stderr
+    assert (run / "nerf/nerf.safetensors").exists() and (run / "report.html").exists(), "nothing is lost"
+
+
+@pytest.mark.parametrize(
+    ("name", "stage"),
+    [
+        ("trajectory/images/frame_00030.png", "fit"),
+        ("trajectory/transforms.json", "fit"),
+        ("nerf/nerf.safetensors", "evaluate"),
+        ("nerf/nerf.json", "mesh"),
+        ("scores.json", "report"),
+        ("figures/evaluate_overlay.png", "report"),
+    ],
+)
+@pytest.mark.parametrize("damage", ["missing", "cut"])
+def test_damaged_files_are_named_and_nothing_is_lost(run, name, stage, damage):
+    path = run / name
+    if damage == "missing":
+        path.unlink()
+    else:
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    others = {p: p.read_bytes() for p in run.rglob("*") if p.is_file() and p != path}
+    result = command(stage, run, *([] if stage == "report" else ["--overwrite"]))
+    assert result.returncode == 1
+    assert result.stderr.startswith("error: ") and path.name in result.stderr and result.stderr.count("\n") == 1
+    assert all(p.read_bytes() == data for p, data in others.items())
+
+
+def test_mesh_is_a_file_that_others_can_read(finished):
+    import trimesh
+
+    folder, _ = finished
+    counts = json.loads((folder / "mesh/mesh.json").read_text())
+    files = sorted(folder.glob("mesh/*.glb"))
+    assert bool(files) == bool(counts["triangles"])
+    for path in files:
+        assert trimesh.load(path).bounds is not None
+
+
+def test_pictures_of_the_walk_have_the_size_of_the_preset(finished):
+    with Image.open(finished[0] / "trajectory/images/frame_00000.png") as image:
+        assert image.size == (48, 48)
+
+
+def test_example_of_the_readme_runs(tmp_path):
+    block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    assert block and len(block[1].strip().splitlines()) <= 12
+    code = block[1].replace("steps=1500", "steps=60").replace('preset="fast"', 'preset="smoke"')
+    code = re.sub(r"(?m)^export_mesh.*$", "assert callable(lab.extract_mesh)", code)
+    env = {**os.environ, "AUTONERF_LAB_PRESET": "smoke"}
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=env, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    assert "paper best" in result.stdout

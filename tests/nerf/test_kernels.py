@@ -1,0 +1,180 @@
+"""The fused CPU kernels against the torch reference: values and every gradient."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from autonerf_lab.nerf.fields.hash_field import HashField
+from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
+from autonerf_lab.nerf.kernels import dense
+from autonerf_lab.nerf.model import Model
+from autonerf_lab.nerf.models import semantic_nerfacto
+from autonerf_lab.nerf.ray_batch import Rays, Samples, Targets
+from autonerf_lab.nerf.samplers.occupancy import OccupancySampler, TorchOccupancySampler
+from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.settings import OccupancySettings, ProposalSettings
+
+RAYS = 64
+BOX = SceneBox(np.zeros(3, np.float32), np.array([2, 1.5, 1], np.float32), 0.25)
+SETTINGS = ProposalSettings(
+    samples=8, proposal_samples=(12, 10), levels=4, log2_entries=10, hidden=16, appearance=4,
+    proposal_levels=2, proposal_log2_entries=9, distortion_weight=0.5, semantic_weight=0.3, depth_weight=0.2,
+    far=6.0, min_weight=0.0, padding=0.5,
+)  # fmt: skip
+
+
+def small_models(settings: ProposalSettings = SETTINGS, classes: int = 16) -> tuple[Model, Model]:
+    """The same parameters twice: kernels in float32, autograd in double."""
+    models = [
+        semantic_nerfacto.build(settings, BOX, 3, classes, np.random.default_rng(0), device) for device in (None, "cpu")
+    ]
+    rng = np.random.default_rng(1)
+    for name, value in models[0].parameters.items():
+        if name.endswith(("table", "appearance")):  # large features: every branch is taken
+            value[...] = rng.normal(size=value.shape)
+        models[1].parameters[name].data = torch.from_numpy(np.asarray(value)).double()
+    return models[0], models[1]
+
+
+def some_rays(seed: int = 1) -> tuple[Rays, Targets]:
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(RAYS, 3))
+    unit = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+    rays = Rays(rng.uniform(-1, 1, (RAYS, 3)).astype(np.float32), unit, rng.integers(3, size=RAYS))
+    depth = rng.uniform(0.5, 5, RAYS).astype(np.float32) * (rng.random(RAYS) < 0.7)
+    return rays, Targets(rng.random((RAYS, 3), dtype=np.float32), rng.integers(-1, 16, RAYS), depth)
+
+
+@pytest.mark.parametrize("options", [{}, {"view_dependent": False}, {"depth_weight": 0.0}, {"appearance": 0}])
+def test_training_step_agrees_with_autograd(options: dict) -> None:
+    kernels, reference = small_models(replace(SETTINGS, **options))
+    rays, targets = some_rays()
+    expected_gradients, expected = reference.train_step(rays, targets, np.random.default_rng(5))
+    gradients, losses = kernels.train_step(rays, targets, np.random.default_rng(5))
+    assert losses.keys() == expected.keys()
+    for name, value in expected.items():
+        assert losses[name] == pytest.approx(value, rel=1e-4), name
+    assert gradients.keys() == expected_gradients.keys()
+    for name, wanted in expected_gradients.items():
+        assert np.abs(gradients[name] - wanted.numpy()).max() <= 2e-3 * wanted.abs().max(), name
+
+
+def test_a_field_without_classes_agrees_too() -> None:
+    kernels, reference = small_models(classes=0)
+    rays, targets = some_rays()
+    expected_gradients, expected = reference.train_step(rays, targets, np.random.default_rng(5))
+    gradients, losses = kernels.train_step(rays, targets, np.random.default_rng(5))
+    assert losses.keys() == expected.keys() and "cross_entropy" not in losses
+    for name, wanted in expected_gradients.items():
+        if wanted.numel():
+            assert np.abs(gradients[name] - wanted.numpy()).max() <= 2e-3 * wanted.abs().max(), name
+
+
+def test_rendering_agrees_with_the_reference() -> None:
+    kernels, reference = small_models()
+    rays, _ = some_rays()
+    found = kernels.render_rays(rays.origins[:61], rays.directions[:61])
+    wanted = reference.render_rays(rays.origins[:61], rays.directions[:61])
+    for a, b in zip(found, wanted, strict=True):
+        assert a.shape == b.shape and a.dtype == np.float32
+        np.testing.assert_allclose(a, b, rtol=2e-3, atol=2e-4)
+
+
+def test_queries_agree_with_the_reference() -> None:
+    kernels, reference = small_models()
+    points = np.random.default_rng(2).uniform(-3, 3, (200, 3))
+    directions = some_rays()[0].directions[np.arange(200) % RAYS]
+    for a, b in (
+        (kernels.field.density(points), reference.field.density(points)),
+        (kernels.field.color(points, directions), reference.field.color(points, directions)),
+        (kernels.field.logits(points), reference.field.logits(points)),
+    ):
+        # rounding puts a few points into the next cell, where the slope is another
+        assert np.quantile(np.abs(a - b), 0.99) <= 2e-3 * np.abs(b).max()
+
+
+def test_gradients_of_rays_agree_with_autograd() -> None:
+    kernels, reference = small_models()
+    rays, targets = some_rays()
+    samples = kernels.sampler.sample(rays, np.full(RAYS, 0.5, np.float32))
+    assert isinstance(kernels.field, HashField) and isinstance(reference.field, TorchHashField)
+    found = kernels.field.ray_gradients(rays, samples, targets.color)
+    wanted = reference.field.ray_gradients(rays, samples, targets.color)
+    np.testing.assert_allclose(found[0], wanted[0], rtol=5e-3, atol=1e-5)
+    learned, expected = (
+        m.field.train(rays, samples, targets, np.random.default_rng(3), True) for m in (kernels, reference)
+    )
+    pairs = [*zip(found[1:], wanted[1:], strict=True)]
+    pairs += [(learned.d_origins, expected.d_origins), (learned.d_directions, expected.d_directions)]
+    for a, b in pairs:
+        assert a is not None and b is not None
+        # the slope of a trilinear cell jumps at its faces, and rounding puts a few samples on the other side
+        assert np.quantile(np.abs(a - b), 0.95) <= 1e-3 * np.abs(b).max()
+
+
+def test_marching_agrees_with_the_reference_and_skips_what_is_empty() -> None:
+    settings = OccupancySettings(samples=12, candidates=64, cell=0.25, far=6.0, reach=0.5, levels=4)
+    kernels, reference = OccupancySampler(settings, BOX), TorchOccupancySampler(settings, BOX, "cpu")
+    rng = np.random.default_rng(4)
+    density = (rng.random(kernels.state["occupancy"].shape) < 0.2) * rng.exponential(
+        20, kernels.state["occupancy"].shape
+    )
+    for sampler in (kernels, reference):
+        sampler.state["occupancy"][...] = density
+    rays, _ = some_rays()
+    for jitter in (np.full(RAYS, 0.5, np.float32), rng.random(RAYS, dtype=np.float32)):
+        a, b = kernels.sample(rays, jitter), reference.sample(rays, jitter)
+        close = np.isclose(a.starts, b.starts, atol=2e-4) & np.isclose(a.ends, b.ends, atol=2e-4)
+        assert close.mean() > 0.97  # rounding moves a few steps of a ray into the next cell
+        assert (a.starts[:, 1:] >= a.ends[:, :-1] - 1e-4).all()
+        middles = rays.origins[:, None] + a.middles[..., None] * rays.directions[:, None]
+        cells = (BOX.contract(middles.reshape(-1, 3)) * density.shape).astype(int)
+        assert (density[tuple(cells.T)] > 0).mean() > 0.8  # the steps are finer than the bins, not exact
+
+
+def test_a_ray_through_nothing_is_divided_as_a_whole() -> None:
+    settings = OccupancySettings(samples=4, candidates=32, near=1.0, far=3.0, turn=4.0, levels=4)
+    sampler = OccupancySampler(settings, BOX)
+    sampler.state["occupancy"][...] = 0
+    sampler.state["occupancy"][0, 0, 0] = 1e6  # nothing else counts as fog
+    rays = Rays(np.zeros((8, 3), np.float32), np.tile(np.float32([1, 0, 0]), (8, 1)))
+    samples = sampler.sample(rays, np.full(8, 0.5, np.float32))
+    np.testing.assert_allclose(samples.starts[0], [1, 1.5, 2, 2.5], atol=1e-3)
+    np.testing.assert_allclose(samples.ends[0], [1.5, 2, 2.5, 3], atol=1e-3)
+
+
+def test_bins_that_do_not_touch() -> None:
+    kernels, reference = small_models()
+    rays, targets = some_rays()
+    edges = np.sort(np.random.default_rng(6).uniform(0.1, 5, (RAYS, 16)), axis=1).astype(np.float32)
+    samples = Samples(np.ascontiguousarray(edges[:, ::2]), np.ascontiguousarray(edges[:, 1::2]))
+    a, b = (m.field.train(rays, samples, targets, np.random.default_rng(3), False) for m in (kernels, reference))
+    np.testing.assert_allclose(a.weights, b.weights, rtol=2e-3, atol=1e-5)
+    for name, value in b.losses.items():
+        assert a.losses[name] == pytest.approx(value, rel=1e-4), name
+
+
+@pytest.mark.parametrize(("rows", "columns", "n"), [(4, 4, 16), (8, 20, 48), (16, 6, 32), (0, 4, 16), (4, 4, 0)])
+def test_dense_layers_are_products_of_matrices(rows: int, columns: int, n: int) -> None:
+    """Whole numbers, so that no order of summation rounds; what lies beyond n is left alone."""
+    rng = np.random.default_rng(7)
+    weights, x, y, upstream = (
+        rng.integers(-9, 10, shape).astype(np.float32)
+        for shape in ((rows, columns), (columns, 64), (rows, 64), (rows, 64))
+    )
+    product = weights @ x[:, :n]
+    for kernel, expected in ((dense.dense, product), (dense.dense_add, y[:, :n] + product)):
+        out = y.copy()
+        kernel(weights, x, out, n)
+        np.testing.assert_array_equal(out, np.hstack([expected, y[:, n:]]))
+    gradient = weights.copy()
+    dense.weight_gradient(y, x, gradient, n)
+    np.testing.assert_array_equal(gradient, weights + y[:, :n] @ x[:, :n].T)
+    out = y.copy()
+    dense.relu(out, n)
+    np.testing.assert_array_equal(out, np.hstack([np.maximum(y[:, :n], 0), y[:, n:]]))
+    out = upstream.copy()
+    dense.relu_backward(y, out, n)
+    np.testing.assert_array_equal(out, np.hstack([upstream[:, :n] * (y[:, :n] > 0), upstream[:, n:]]))

@@ -1,0 +1,208 @@
+"""A run folder says what it holds, is never mixed up, and loses nothing that was not asked to go."""
+
+import errno
+import json
+import os
+import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import pytest
+
+from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.pipeline.run_folder import OUTPUTS, STAGES, RunConfig, load_run, locked, open_run
+
+CONFIG = RunConfig("val-0", "f00d", "frontier", "smoke", 0, "semantic-nerfacto")
+
+
+def finish(run, *stages):
+    for stage in stages:
+        run.mark(stage, 1.0, 0.5)
+
+
+def test_new_folder_says_at_once_what_the_run_is(tmp_path):
+    open_run(tmp_path / "a" / "b", CONFIG)
+    assert load_run(tmp_path / "a" / "b").config == CONFIG
+
+
+def test_unfinished_run_is_continued(tmp_path):
+    finish(open_run(tmp_path, CONFIG), "scene", "explore")
+    run = open_run(tmp_path, CONFIG)
+    assert [stage for stage in STAGES if run.finished(stage)] == ["scene", "explore"]
+
+
+def test_unfinished_run_is_continued_even_with_overwrite(tmp_path):
+    finish(open_run(tmp_path, CONFIG), "scene")
+    assert open_run(tmp_path, CONFIG, overwrite=True).finished("scene")
+
+
+def test_finished_run_is_refused_and_kept(tmp_path):
+    finish(open_run(tmp_path, CONFIG), *STAGES)
+    before = (tmp_path / "run.json").read_bytes()
+    with pytest.raises(RunFolderError, match=r"finished run \(.*report.html\); choose another --out.*--overwrite"):
+        open_run(tmp_path, CONFIG)
+    assert (tmp_path / "run.json").read_bytes() == before
+
+
+def test_a_run_counts_as_finished_only_with_every_stage(tmp_path):
+    finish(open_run(tmp_path, CONFIG), "scene", "explore", "fit", "evaluate", "report")
+    assert not open_run(tmp_path, CONFIG).finished("mesh")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scene": "val-1", "scene_sha256": "beef"}, "scene is 'val-0', not 'val-1'"),
+        ({"scene_sha256": "beef"}, "'val-0' is not the apartment it was"),
+        ({"policy": "random"}, "policy is 'frontier', not 'random'"),
+        ({"preset": "fast"}, "preset is 'smoke', not 'fast'"),
+        ({"seed": 3}, "seed is 0, not 3"),
+        ({"model": "other"}, "model is 'semantic-nerfacto', not 'other'"),
+    ],
+)
+def test_another_run_is_refused_with_the_difference(tmp_path, change, words):
+    finish(open_run(tmp_path, CONFIG), "scene")
+    with pytest.raises(RunFolderError, match="holds another run") as caught:
+        open_run(tmp_path, replace(CONFIG, **change))
+    assert words in str(caught.value)
+
+
+def test_model_may_be_chosen_later(tmp_path):
+    open_run(tmp_path, replace(CONFIG, model=None))
+    assert open_run(tmp_path, CONFIG).config.model is None
+
+
+def test_another_version_is_refused(tmp_path):
+    open_run(tmp_path, CONFIG)
+    content = json.loads((tmp_path / "run.json").read_text())
+    (tmp_path / "run.json").write_text(json.dumps({**content, "package": "0.0.1"}))
+    with pytest.raises(RunFolderError, match=r"made by autonerf-lab 0\.0\.1"):
+        open_run(tmp_path, CONFIG)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{", "[]", "{}", '{"version": 1}', '{"version":1,"package":"x","config":{"a":1},"stages":{}}']
+)
+def test_damaged_run_json_is_one_clear_error(tmp_path, content):
+    (tmp_path / "run.json").write_text(content)
+    with pytest.raises(DataError, match=r"run\.json"):
+        load_run(tmp_path)
+    with pytest.raises(DataError, match=r"run\.json"):
+        open_run(tmp_path, CONFIG)
+    assert (tmp_path / "run.json").read_text() == content
+    assert open_run(tmp_path, CONFIG, overwrite=True).config == CONFIG
+
+
+def test_folder_of_somebody_else_is_refused_even_with_overwrite(tmp_path):
+    (tmp_path / "thesis.tex").write_text("years")
+    for overwrite in (False, True):
+        with pytest.raises(RunFolderError, match="not a run folder"):
+            open_run(tmp_path, CONFIG, overwrite=overwrite)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_kill_during_the_very_first_write_can_be_resumed(tmp_path):
+    (tmp_path / ".run.json.x7h2").write_text('{"versi')
+    assert open_run(tmp_path, CONFIG).config == CONFIG
+
+
+def test_overwrite_removes_what_the_run_wrote_and_nothing_else(tmp_path):
+    finish(open_run(tmp_path, CONFIG), *STAGES)
+    mine = [pattern.replace("*", "1") for patterns in OUTPUTS.values() for pattern in patterns]
+    theirs = ["notes.txt", "trajectory/images/best.jpg", "mesh/edited.blend", "photos/a/b.png"]
+    for name in [*mine, "figures/fit.json", "figures/fit_depth.png", "nerf/.field.json.tmp", *theirs]:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(name)
+    open_run(tmp_path, CONFIG, overwrite=True)
+    left = sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file())
+    assert left == sorted([*theirs, "run.json"])
+    assert not (tmp_path / "nerf").exists() and not load_run(tmp_path).stages
+
+
+def test_doing_a_stage_again_removes_what_was_made_from_it(tmp_path):
+    run = open_run(tmp_path, CONFIG)
+    finish(run, *STAGES)
+    for name in ("nerf/a.json", "scores.json", "mesh/a.glb", "report.html"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(name)
+    with pytest.raises(RunFolderError, match="`evaluate` is finished; --overwrite"):
+        run.begin_again("evaluate", overwrite=False)
+    run.begin_again("evaluate", overwrite=True)
+    assert list(load_run(tmp_path).stages) == ["scene", "explore", "fit", "mesh"]
+    left = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
+    assert left == {"nerf/a.json", "mesh/a.glb", "run.json"}
+
+
+def test_two_processes_do_not_share_a_folder(tmp_path):
+    pytest.importorskip("fcntl")
+    with locked(tmp_path), pytest.raises(RunFolderError, match="another process"), locked(tmp_path):
+        pass
+    with locked(tmp_path):  # and the lock is free again
+        pass
+
+
+def test_a_lock_leaves_nothing_and_one_of_a_killed_process_is_nobody_s(tmp_path):
+    pytest.importorskip("fcntl")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run/.lock").touch()
+    with locked(tmp_path / "run"):
+        assert not open_run(tmp_path / "run", CONFIG).finished("scene"), "a lock is not somebody's file"
+        assert (tmp_path / "run/.lock").exists()
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["run.json"]
+
+
+def test_who_waits_gets_the_folder_also_when_it_is_removed_meanwhile(tmp_path):
+    pytest.importorskip("fcntl")
+    path, order = tmp_path / "work", []
+
+    def second():
+        with locked(path, wait=True):
+            order.append("second")
+            with pytest.raises(RunFolderError, match="another process"), locked(path):
+                pass
+
+    with ThreadPoolExecutor(1) as pool:
+        with locked(path):
+            waiting = pool.submit(second)
+            time.sleep(0.3)
+            shutil.rmtree(path)
+            order.append("first")
+        waiting.result(timeout=30)
+    assert order == ["first", "second"]
+    assert path.exists() and not list(path.iterdir())
+
+
+def test_who_leaves_a_removed_folder_leaves_the_lock_of_the_next_one_alone(tmp_path):
+    pytest.importorskip("fcntl")
+    path = tmp_path / "work"
+    with locked(path):
+        shutil.rmtree(path)
+        after = locked(path)
+        after.__enter__()
+    with pytest.raises(RunFolderError, match="another process"), locked(path):
+        pass
+    after.__exit__(None, None, None)
+    assert not list(path.iterdir())
+
+
+def test_a_lock_that_is_not_held_but_impossible_says_so(tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl")
+
+    def flock(handle, how):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with pytest.raises(DataError, match=r"cannot lock .*\.lock: No locks available"), locked(tmp_path):
+        pass
+    monkeypatch.undo()
+    (tmp_path / ".lock").unlink()
+    (tmp_path / ".lock").mkdir()
+    with pytest.raises(DataError, match=r"cannot lock .*\.lock: Is a directory"), locked(tmp_path):
+        pass
+
+
+def test_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DataError, match="cannot make the folder"), locked(tmp_path / "file" / "run"):
+        pass

@@ -1,0 +1,179 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file
+from toy_scene import empty_room, two_rooms
+
+from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.exploration import explore
+from autonerf_lab.geometry import Intrinsics, planar_pose
+from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.policies import POLICIES, WEIGHTS, Frontier, make_policy, weights_sha256
+from autonerf_lab.policies.egocentric import EgocentricView, egocentric_shares
+from autonerf_lab.policies.end_to_end import EndToEnd
+from autonerf_lab.policies.information_gain import RAYS, new_views, unknown_area
+from autonerf_lab.policies.modular import Modular
+from autonerf_lab.policies.weights import read_meta
+from autonerf_lab.simulator import Simulator
+from autonerf_lab.types import Action, Observation
+
+CAMERA = Intrinsics.from_fov(48, 48)
+
+
+@pytest.fixture(scope="module")
+def sim():
+    return Simulator(two_rooms(), CAMERA, rgb=False)
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_every_policy_conforms(name, sim):
+    """Valid actions, the same for the same seed, a waypoint on the map, and the map left as it was."""
+    policy = make_policy(name)
+    walks = []
+    for _ in range(2):
+        policy.reset(np.random.default_rng(3))
+        observation = sim.reset(seed=1)
+        state = empty_map(observation.pose)
+        actions = []
+        for _ in range(60):
+            state = update(state, observation, CAMERA)
+            before = state.explored.copy(), state.viewpoints.copy()
+            actions.append(policy.act(state, observation))
+            assert actions[-1] in list(Action)
+            assert policy.waypoint is None or policy.waypoint.shape == (2,)
+            np.testing.assert_array_equal(state.explored, before[0])
+            np.testing.assert_array_equal(state.viewpoints, before[1])
+            observation = sim.step(actions[-1])
+        walks.append(actions)
+    assert walks[0] == walks[1]
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_a_single_closed_room_is_walked_to_the_end(name):
+    sim = Simulator(empty_room(3.0, 2.0), CAMERA, supersample=1)
+    walk = explore(sim, name, 120, seed=0, progress=False)
+    assert len(walk) == 120 and len(set(walk.meta["actions"])) > 1
+
+
+def test_unknown_names_list_the_valid_ones():
+    with pytest.raises(UnknownNameError, match=r"valid names: .*frontier, .*modular-obs, .*random, random-waypoints"):
+        make_policy("best")
+
+
+def test_random_actions_are_equally_likely():
+    policy = make_policy("random")
+    policy.reset(np.random.default_rng(0))
+    counts = np.bincount([policy.act(None, None) for _ in range(3000)], minlength=3)
+    assert (np.abs(counts - 1000) < 100).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_frontier_finds_the_other_room_and_does_not_stop(sim, seed):
+    walk = explore(sim, "frontier", steps=250, seed=seed, progress=False)
+    explored = np.array(walk.meta["explored_m2"])
+    assert explored[-1] > 23.0  # 8 x 3 m, less the little that furniture hides
+    assert (np.diff(explored) >= 0).all()
+    first = int(np.argmax(explored > 0.95 * explored[-1]))
+    assert first < 100
+    assert walk.meta["path_m"][-1] - walk.meta["path_m"][first] > 5  # keeps looking from new places
+    assert sum(walk.meta["collided"]) < 15
+
+
+def test_frontier_beats_random(sim):
+    area = {
+        name: np.mean([explore(sim, name, 120, seed, progress=False).meta["explored_m2"] for seed in range(3)])
+        for name in ("frontier", "random")
+    }
+    assert area["frontier"] > 1.1 * area["random"]
+
+
+def test_frontier_goes_where_more_is_unknown():
+    """A corridor whose west end is a wall and whose east end is open."""
+    state = empty_map(planar_pose(0.01, 0.01, 0.0), size=200)
+    row, col = 100, 100
+    state.explored[row - 12 : row + 13, col - 40 : col + 41] = True
+    state.occupied[[row - 12, row + 12], col - 40 : col + 41] = True
+    state.occupied[row - 12 : row + 13, col - 40] = True
+    policy = Frontier()
+    policy.reset(np.random.default_rng(0))
+    actions = [policy.act(state, None) for _ in range(12)]
+    assert actions == [Action.TURN_LEFT] * 11 + [Action.FORWARD]  # a look around, then east
+    assert policy.waypoint[0] > 1.5
+
+
+def test_unknown_area_of_an_open_half_plane():
+    explored = np.zeros((101, 101), bool)
+    explored[:, :51] = True
+    occupied = np.zeros_like(explored)
+    area = unknown_area(explored, occupied, 50, 50, 1.0, 20.0)
+    assert area.shape == (RAYS,)
+    assert area.sum() == pytest.approx(np.pi * 20**2 / 2, rel=0.08)  # half a disc
+    assert area[RAYS // 2 - 10 : RAYS // 2 + 10].sum() == 0  # nothing to the west
+    occupied[:, 55] = True
+    strip = unknown_area(explored, occupied, 50, 50, 1.0, 20.0).sum()
+    assert strip == pytest.approx(4 * 40, rel=0.15)  # columns 51 to 54, 20 cells each way
+
+
+def test_new_views_are_those_of_unused_bins():
+    explored, occupied = np.ones((61, 61), bool), np.zeros((61, 61), bool)
+    viewpoints = np.zeros((12, 61, 61), bool)
+    full = new_views(explored, occupied, viewpoints, 30, 30, 1.0, 15.0).sum()
+    viewpoints[6:9] = True  # seen from 180 to 270 degrees: what lies at 0 to 90 degrees is known
+    area = new_views(explored, occupied, viewpoints, 30, 30, 1.0, 15.0)
+    assert area[: RAYS // 4].sum() == 0
+    assert area.sum() == pytest.approx(0.75 * full)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.1, 4.0])
+def test_egocentric_shares_are_those_of_a_rotated_picture(heading):
+    rng = np.random.default_rng(0)
+    channels = np.kron(rng.random((2, 6, 6)) < 0.5, np.ones((1, 10, 10), bool))
+    x, y, grid, width, samples = 28.3, 33.9, 8, 24.0, 5
+    shares = egocentric_shares(channels, x, y, heading, grid, width, samples)
+    # every sample by its own: ahead of the robot is up, its left is left
+    offsets = ((np.arange(grid * samples) + 0.5) / (grid * samples) - 0.5) * width
+    ahead, left = np.meshgrid(-offsets, -offsets, indexing="ij")
+    cols = np.floor(x + np.cos(heading) * ahead - np.sin(heading) * left).astype(int)
+    rows = np.floor(y + np.sin(heading) * ahead + np.cos(heading) * left).astype(int)
+    values = channels[:, rows, cols].reshape(2, grid, samples, grid, samples).sum(axis=(2, 4))
+    np.testing.assert_array_equal(shares, values * 255 // samples**2)
+
+
+def test_a_finer_map_is_seen_as_the_coarse_one_it_was_trained_on():
+    pose = planar_pose(0.4, -0.3, 0.7)
+    coarse = empty_map(pose, 240, 0.1)
+    rng = np.random.default_rng(0)
+    explored = np.zeros((240, 240), bool)
+    explored[90:150, 95:140] = rng.random((60, 45)) < 0.6
+    occupied = explored & (rng.random((240, 240)) < 0.2)
+    coarse = replace(coarse, explored=explored, occupied=occupied)
+    finer = replace(
+        empty_map(pose, 480, 0.05),
+        origin=coarse.origin,
+        explored=explored.repeat(2, 0).repeat(2, 1),
+        occupied=occupied.repeat(2, 0).repeat(2, 1),
+    )
+    image = Observation(np.zeros((84, 84, 3), np.uint8), np.zeros((84, 84)), np.zeros((84, 84)), pose)
+    seen = [EgocentricView().see(map, image, None) for map in (coarse, finer)]
+    assert seen[0]["near"].any() and seen[0]["far"].any()
+    for name in ("near", "far"):
+        np.testing.assert_array_equal(seen[0][name], seen[1][name])
+
+
+def test_weights_are_told_apart_by_what_is_in_them(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    assert weights_sha256(str(path)) is None and weights_sha256("frontier") is None
+    path.write_bytes(b"abc")
+    assert weights_sha256(str(path)) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+@pytest.mark.parametrize("path", sorted(WEIGHTS.glob("*.safetensors")), ids=lambda path: path.stem)
+def test_weights_that_ship_are_small_and_say_how_they_were_made(path):
+    assert path.stat().st_size <= 5e6
+    meta = read_meta(path)
+    assert meta["command"].startswith(f"autonerf-lab train-policy --policy {path.stem} --frames ")
+    assert meta["frames"] >= 500_000 and meta["hours"] > 0 and meta["seed"] is not None
+    assert all(row["frames"] > 0 and np.isfinite(row["reward"]) for row in meta["curve"])
+    assert any(np.abs(array.astype(np.float32)).max() > 0 for array in load_file(path).values())
+    assert isinstance(make_policy(path.stem), Modular if path.stem.startswith("modular-") else EndToEnd)

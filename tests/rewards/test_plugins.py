@@ -1,0 +1,139 @@
+"""Rewards of installed packages: found by name, and a broken one breaks only itself."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from installed_plugins import Site
+
+from autonerf_lab.errors import RewardError, UnknownNameError
+from autonerf_lab.rewards import REWARDS, available, make_reward
+from autonerf_lab.utils.plugins import PluginWarning, strict
+
+EXAMPLE = Path(__file__).parents[2] / "examples/reward_plugin"
+SMALL = {"scene": "train-00", "size": 16, "window": 60, "rgb": False}
+GOOD = "def reward(step):\n    'One a step, steps: always.'\n    return 1.0\n"
+BROKEN = {
+    "missing import": ("import nobody_has_this", "ModuleNotFoundError: No module named 'nobody_has_this'"),
+    "exits": ("raise SystemExit('no GPU')", "SystemExit: no GPU"),
+    "no such name": ("", "AttributeError"),
+    "not callable": ("reward = {}", "a reward can be called with a transition; dict cannot"),
+    "makes nothing": ("def reward(): pass", "what makes a reward must not make a NoneType"),
+    "two arguments": ("def reward(step, more): return 1.0", "missing 1 required positional argument: 'more'"),
+    "raises": ("def reward(step): return 1 / 0", "ZeroDivisionError"),
+    "nan": ("def reward(step): return float('nan')", "must be finite, not nan"),
+    "whole number": ("def reward(step): return 1", "must be a float, not int"),
+    "text": ("def reward(step): return '1.0'", "must be a float, not str"),
+    "cannot be made": ("class reward:\n    def __init__(self): raise OSError('no camera')", "OSError: no camera"),
+    "changes the map": ("def reward(step):\n    step.after.explored[:] = 1\n    return 1.0", "must not change"),
+}
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Site:
+    (tmp_path / "site").mkdir()
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    return Site(tmp_path / "site")
+
+
+def install(site: Site, package: str, name: str, code: str) -> None:
+    site.install(package, name, code, "reward", "rewards")
+
+
+def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+    path = os.pathsep.join([str(folder), os.environ["PYTHONPATH"]])
+    return subprocess.run(
+        [sys.executable, "-m", "autonerf_lab.cli", *arguments],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_example_is_installed_listed_and_used_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(EXAMPLE, tmp_path / "source", ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"))
+    pip = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--no-index"]
+    target = tmp_path / "target"
+    subprocess.run([*pip, "--target", target, tmp_path / "source"], check=True, capture_output=True)
+
+    listed = command(target, "rewards", "--strict-plugins")
+    assert listed.returncode == 0, listed.stderr
+    lines = [line.split() for line in listed.stdout.splitlines()]
+    assert [line[0] for line in lines] == [*REWARDS, "careful"]
+    assert lines[0] == ["cov", "square", "metres", "autonerf-lab"]
+    assert lines[-1] == ["careful", "square", "metres", "careful-reward"]
+
+    monkeypatch.syspath_prepend(target)
+    env = gymnasium.make("AutoNeRF/Explore-v0", reward="careful+0.1*nov", **SMALL)
+    env.reset(seed=0)
+    terms = [env.step(np.int64(0))[4]["reward_terms"] for _ in range(20)]
+    assert all(set(step) == {"careful", "nov"} for step in terms)
+    assert min(step["careful"] for step in terms) < 0 < max(step["careful"] for step in terms)  # it walks into a wall
+
+
+def test_the_test_of_the_example_passes(tmp_path: Path) -> None:
+    shutil.copytree(EXAMPLE, tmp_path / "source", ignore=shutil.ignore_patterns("__pycache__"))
+    result = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:dash", tmp_path / "source"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0 and "2 passed" in result.stdout, result.stdout
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_broken_one_is_named_and_left_out(site: Site, kind: str) -> None:
+    code, reason = BROKEN[kind]
+    install(site, "bad-reward", "bad", code)
+    install(site, "good-reward", "good", GOOD)
+    with pytest.warns(PluginWarning) as caught:
+        found = available()
+    assert list(found) == [*REWARDS, "good"]
+    (message,) = [str(warning.message) for warning in caught]
+    assert "plug-in 'bad' (bad_reward:reward) is left out" in message and reason in message
+    with strict(), pytest.raises(PluginWarning, match="plug-in 'bad'"):
+        available()
+
+
+def test_the_name_of_another_is_not_taken(site: Site) -> None:
+    install(site, "usurper", "cov", "raise RuntimeError('this code ran')")
+    with pytest.warns(PluginWarning, match=r"plug-in 'cov' \(usurper:reward\) .* the name 'cov' is taken"):
+        assert available()["cov"] is REWARDS["cov"]
+
+
+def test_built_ins_and_their_sums_are_found_without_loading_any(site: Site) -> None:
+    install(site, "bad-reward", "bad", "1 / 0")
+    make_reward("cov+0.1*nov")  # a warning would be an error
+    with pytest.warns(PluginWarning, match="'bad'"), pytest.raises(UnknownNameError, match=r"'bad'; valid names: cov"):
+        make_reward("cov+bad")
+
+
+def test_the_command_lists_the_rest_and_is_strict_where_asked(site: Site) -> None:
+    install(site, "bad-reward", "bad", "1 / 0")
+    install(site, "good-reward", "good", GOOD)
+    listed = command(site.folder, "rewards")
+    assert listed.returncode == 0 and "plug-in 'bad'" in listed.stderr and "ZeroDivisionError" in listed.stderr
+    assert listed.stdout.splitlines()[-1].split() == ["good", "steps", "good-reward"]
+    refused = command(site.folder, "rewards", "--strict-plugins")
+    assert refused.returncode == 1 and not refused.stdout
+    assert refused.stderr.startswith("error: plug-in 'bad'") and refused.stderr.count("\n") == 1
+
+
+def test_what_goes_wrong_later_names_reward_value_and_step(site: Site) -> None:
+    code = "def reward(step): return 1.0 if step.observation.step != 3 or step.after.cell != 0.2 else float('nan')"
+    install(site, "late-reward", "late", code)
+    for reward in ("late", "cov+late"):
+        env = gymnasium.make("AutoNeRF/Explore-v0", reward=reward, **SMALL)
+        env.reset(seed=0)
+        for _ in range(2):
+            env.step(np.int64(1))
+        with pytest.raises(RewardError, match="reward 'late' returned nan at step 3, not a finite float"):
+            env.step(np.int64(1))
