@@ -1,48 +1,20 @@
-"""AutoNeRF Lab: a robot explores an apartment, a semantic NeRF learns it, and the field is put to work.
+"""AutoNeRF Lab: explore an apartment, train a semantic NeRF on the trajectory, evaluate what a robot can do with it.
 
-The names below are the first lesson. They load on first use, so that importing a submodule never pulls in the rest.
-Importing the package registers its Gymnasium environments, by name only.
+The public names are listed in ``__init__.pyi``, which type checkers and editors read, and load on first use. Importing
+the package also registers its Gymnasium environments, by name only.
 """
 
 import os
-from importlib import import_module
 
-import autonerf_lab.envs  # noqa: F401
+import lazy_loader
 
-# open3d and embreex bring a TBB that is too old for numba: it would be found first, warned of, and passed over.
+import autonerf_lab.envs  # noqa: F401 - registers the environments
+
+# open3d and embreex bring a TBB that is too old for numba, which would find it first and warn.
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
-# Threads that wait should sleep, not spin: a spinning thread takes the core of the one it waits for. Two
-# trainings at once on two cores are over twice as fast, one alone is as fast. Torch's OpenMP reads this when it loads.
+# Waiting threads sleep instead of spinning: a spinning thread takes the core of the thread it waits for. Two trainings
+# at once on two cores are over twice as fast, one alone is as fast. Torch's OpenMP reads the variable when it loads.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-_HOME = {
-    "Scene": "autonerf_lab.scenes",
-    "generate_apartment": "autonerf_lab.scenes",
-    "load_scene": "autonerf_lab.scenes",
-    "import_scene": "autonerf_lab.scenes",
-    "Simulator": "autonerf_lab.simulator",
-    "Dataset": "autonerf_lab.data.dataset",
-    "Trajectory": "autonerf_lab.data.trajectory",
-    "explore": "autonerf_lab.exploration",
-    "load_trajectory": "autonerf_lab.data.trajectory",
-    "load_dataset": "autonerf_lab.data.dataset",
-    "fit": "autonerf_lab.nerf",
-    "load_nerf": "autonerf_lab.nerf",
-    "evaluate": "autonerf_lab.evaluators",
-    "extract_mesh": "autonerf_lab.evaluators",
-    "play": "autonerf_lab.viz.player.player",
-    "preset": "autonerf_lab.config",
-}
-
-__version__ = "0.1.0"
-__all__ = list(_HOME)
-
-
-def __getattr__(name: str) -> object:
-    if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
-    raise AttributeError(f"module 'autonerf_lab' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__version__ = "0.2.0.dev0"
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,7 +1,7 @@
-"""The semantic classes of the paper (section 5): 15 objects and the background, with their colours.
+"""Semantic classes of the paper (section 5): 15 object classes and the background, with their colours.
 
-A semantic image holds the class index of each pixel as ``uint8``. Class 0, the background, is counted by no
-semantic reward, map or planning score.
+A class image holds the class index of each pixel as ``uint8``. Semantic rewards, map scores and planning scores ignore
+class 0, the background.
 """
 
 import numpy as np
@@ -26,8 +26,8 @@ CLASS_NAMES: tuple[str, ...] = (
 )
 NUM_CLASSES = len(CLASS_NAMES)
 
-# Near the colours of Okabe and Ito, moved apart until any two differ by about 10 or more (CIEDE2000), to readers with
-# all cones and to those without one kind of them.
+# Close to the colours of Okabe and Ito, moved apart until any two differ by about 10 or more (CIEDE2000) for readers
+# with normal and with dichromatic colour vision.
 CLASS_COLORS: np.ndarray = np.array(
     [
         (222, 222, 222),
@@ -52,7 +52,7 @@ CLASS_COLORS: np.ndarray = np.array(
 
 
 def colorize(semantics: np.ndarray) -> np.ndarray:
-    """Colours of a class image.
+    """Return the colours of a class image.
 
     Args:
         semantics: (...,) integers in [0, 16).

@@ -1,13 +1,13 @@
-"""Everything this package raises on purpose: one family, so that ``except AutoNerfError`` is enough.
+"""Errors that the package raises on purpose; ``except AutoNerfError`` catches all of them.
 
-Each message names the thing that is wrong and the way out.
+Each message names what is wrong and how to correct it.
 """
 
 from collections.abc import Iterable
 
 
 class AutoNerfError(Exception):
-    """Base of all errors raised on purpose."""
+    """Base class of all errors raised on purpose."""
 
 
 class UnknownNameError(AutoNerfError, ValueError):
@@ -20,37 +20,41 @@ class UnknownNameError(AutoNerfError, ValueError):
     """
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
-        self._said = (kind, name, sorted(valid))
-        super().__init__(f"unknown {kind} {name!r}; valid names: {', '.join(self._said[2])}")
+        self._arguments = (kind, name, sorted(valid))
+        super().__init__(f"unknown {kind} {name!r}; valid names: {', '.join(self._arguments[2])}")
 
     def __reduce__(self) -> tuple[type, tuple[str, str, list[str]]]:
-        """How it leaves a worker process."""
-        return type(self), self._said
+        """Pickle by the constructor's arguments, so that the error can leave a worker process."""
+        return type(self), self._arguments
 
 
 class WrongTypeError(AutoNerfError, TypeError):
-    """An argument of another type than the one that is asked for."""
+    """An argument of the wrong type."""
 
 
 class DataError(AutoNerfError, ValueError):
-    """A file or folder that is missing, damaged, or not what the caller says it is."""
+    """A file or folder that is missing, damaged, or of another kind than expected."""
 
 
 class SceneError(DataError):
-    """A scene that cannot be built, loaded or walked in."""
+    """A scene that cannot be built, loaded or navigated."""
 
 
 class TrainingError(AutoNerfError, RuntimeError):
-    """Training met a value that is not finite, or data that cannot be learned from."""
+    """A training that met non-finite values, ran out of memory, or has unusable data."""
 
 
 class RewardError(AutoNerfError, ValueError):
-    """A reward that failed or is not a finite number, or a sum of rewards that cannot be read."""
+    """A reward that raised or is not a finite number, or a weighted sum that cannot be parsed."""
 
 
 class RunFolderError(AutoNerfError, RuntimeError):
-    """A run folder that holds something else than the command asked for."""
+    """A run folder whose content does not allow the command."""
 
 
 class MissingPackageError(AutoNerfError, ImportError):
-    """A package of an extra that is not installed."""
+    """An optional dependency that is not installed."""
+
+
+class DeviceError(AutoNerfError, RuntimeError):
+    """A compute device that this machine does not have."""

@@ -1,4 +1,4 @@
-"""Frames, cameras and grids: every convention of the project is stated here, once.
+"""Conventions of frames, cameras and grids, and the functions that convert between them.
 
 * World: right-handed, metres, z up, floor at z = 0.
 * Camera: OpenGL, x right, y up, looks along -z. A pose is camera-to-world, (4, 4) float64.
@@ -13,23 +13,23 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-CAMERA_HEIGHT = 0.88  # metres, facts of the paper's agent
-AGENT_RADIUS = 0.18
-FORWARD_STEP = 0.25
+CAMERA_HEIGHT = 0.88  # metres; this and the next three are the paper's agent
+AGENT_RADIUS = 0.18  # metres
+FORWARD_STEP = 0.25  # metres
 TURN_ANGLE = float(np.radians(30))
 
-
-_BAND = 1 << 17  # pixels undistorted at a time: the temporaries stay small
-_WIDEST = 1e6  # tangent of the widest angle off the axis that a lens can have
+_CHUNK = 1 << 17  # pixels undistorted at a time, which keeps the temporaries small
+_MAX_TANGENT = 1e6  # tangent of the widest angle between a ray and the optical axis
 
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """A pinhole camera, and the distortion of its lens in OpenCV's model (all zeros: none).
+    """Pinhole camera with the lens distortion of OpenCV's model (all zeros: none).
 
-    A point at x to the right and y down, both divided by its depth, is seen at fl_x x' + cx, fl_y y' + cy, where
-    r^2 = x^2 + y^2 and::
+    A point at x to the right and y down, both divided by its depth, is projected to the pixel (fl_x x' + cx,
+    fl_y y' + cy), where r^2 = x^2 + y^2 and::
 
         x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
         y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p2 x y + p1 (r^2 + 2 y^2)
@@ -53,28 +53,31 @@ class Intrinsics:
 
     @classmethod
     def from_fov(cls, width: int, height: int, hfov_deg: float = 90.0) -> "Intrinsics":
-        """Square pixels, principal point in the middle."""
+        """Return a camera with square pixels and the principal point in the middle of the image."""
         # round() keeps 90 degrees exact: tan(pi / 4) is not 1 in floating point
         focal = round(width / 2 / float(np.tan(np.radians(hfov_deg) / 2)), 9)
         return cls(width, height, focal, focal, width / 2, height / 2)
 
     @property
     def lens(self) -> tuple[float, float, float, float, float]:
-        """The distortion: k1, k2, k3, p1, p2."""
+        """Distortion coefficients k1, k2, k3, p1, p2."""
         return self.k1, self.k2, self.k3, self.p1, self.p2
 
     def resized(self, width: int, height: int) -> "Intrinsics":
-        """The same camera with another number of pixels; the distortion does not depend on it."""
+        """Return the same camera with another number of pixels; the distortion does not depend on it."""
         sx, sy = width / self.width, height / self.height
         focal = {"fl_x": self.fl_x * sx, "fl_y": self.fl_y * sy}
         return replace(self, width=width, height=height, **focal, cx=self.cx * sx, cy=self.cy * sy)
 
     def directions(self) -> np.ndarray:
-        """(H, W, 3) float64 camera-frame directions through the pixel centres, scaled to depth 1 (z = -1).
+        """Return the camera-frame directions through the pixel centres, scaled to depth 1 (z = -1).
 
-        :meth:`project` brings them back to the pixel centres. In the corners of a strong wide angle the lens model may
-        fold back, so that no direction is seen there; such a pixel gets the direction at the fold, and a UserWarning
-        says how many there are.
+        :meth:`project` maps them back to the pixel centres. In the corners of a strong wide-angle lens the model may
+        fold back, so that no direction corresponds to a pixel. Such a pixel gets the direction at the fold, and a
+        UserWarning says how many pixels are affected.
+
+        Returns:
+            (H, W, 3) float64.
 
         Example:
             >>> camera = Intrinsics(2, 2, 1.0, 1.0, 1.0, 1.0, k1=0.1)
@@ -87,27 +90,27 @@ class Intrinsics:
             flat = np.stack([x.ravel(), y.ravel()])
             tolerance = 1e-8 / max(self.fl_x, self.fl_y)  # of a pixel
             folded = sum(
-                _undistort(flat[:, start : start + _BAND], self.lens, tolerance)
-                for start in range(0, flat.shape[1], _BAND)
+                _undistort(flat[:, start : start + _CHUNK], self.lens, tolerance)
+                for start in range(0, flat.shape[1], _CHUNK)
             )
             if folded:
                 warnings.warn(
                     f"the lens model folds back in {folded} of {flat.shape[1]} pixels, which get the direction at the "
-                    "fold; crop the images, or undistort them",
+                    "fold; crop or undistort the images",
                     stacklevel=2,
                 )
             x, y = flat.reshape(2, *x.shape)
         return np.stack([x, -y, -np.ones_like(u)], axis=-1)
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Pixels in which camera-frame points are seen.
+        """Project camera-frame points to pixels.
 
         Args:
             points: (N, 3), camera frame, any unit.
 
         Returns:
-            (N, 2) float64 u, v in pixels, which may lie outside the image. NaN for points that are not in front of the
-            camera, and beyond the fold of the lens model (see :meth:`directions`).
+            (N, 2) float64 u, v in pixels, possibly outside the image. NaN for points behind the camera or beyond the
+            fold of the lens model (see :meth:`directions`).
 
         Example:
             >>> Intrinsics.from_fov(128, 128).project(np.array([[1.0, 0.5, -2.0], [0.0, 0.0, 1.0]]))
@@ -125,7 +128,7 @@ class Intrinsics:
 
 
 def _distort(points: np.ndarray, lens: tuple[float, ...]) -> np.ndarray:
-    """(2, N) x, y -> (5, N): x', y' of OpenCV's model, and its derivatives dx'/dx, dx'/dy = dy'/dx, dy'/dy."""
+    """Map (2, N) x, y to (5, N): x', y' of OpenCV's model and its derivatives dx'/dx, dx'/dy = dy'/dx, dy'/dy."""
     x, y = points
     k1, k2, k3, p1, p2 = lens
     r2 = x * x + y * y
@@ -144,31 +147,31 @@ def _distort(points: np.ndarray, lens: tuple[float, ...]) -> np.ndarray:
 
 @lru_cache(maxsize=256)
 def _folds(lens: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Angles, and the radius at each of them from which on the lens model is not invertible.
+    """Return angles, and for each angle the radius beyond which the lens model is not invertible.
 
-    It folds where the determinant of its derivatives reaches zero. At radius t in the direction (cos, sin) of an angle,
-    with a = p1 sin + p2 cos and b = p1 cos - p2 sin, that determinant is the polynomial
+    The model folds where the determinant of its derivatives reaches zero. At radius t in the direction (cos, sin)
+    of an angle, with a = p1 sin + p2 cos and b = p1 cos - p2 sin, that determinant is the polynomial
     (1 + 6 a t + 3 k1 t^2 + 5 k2 t^4 + 7 k3 t^6) (1 + 2 a t + k1 t^2 + k2 t^4 + k3 t^6) - 4 b^2 t^2.
     """
     k1, k2, k3, p1, p2 = lens
     angles = np.linspace(-np.pi, np.pi, 128 if p1 or p2 else 1, endpoint=False)
-    radii = np.full(len(angles), _WIDEST)
+    radii = np.full(len(angles), _MAX_TANGENT)
     for i, angle in enumerate(angles):
         a, b = p1 * np.sin(angle) + p2 * np.cos(angle), p1 * np.cos(angle) - p2 * np.sin(angle)
         determinant = np.polynomial.polynomial.polymul(
             [1, 6 * a, 3 * k1, 0, 5 * k2, 0, 7 * k3], [1, 2 * a, k1, 0, k2, 0, k3]
         )
         determinant[2] -= 4 * b * b
-        # Read from the other end it is a polynomial in 1 / t that begins with 1: no coefficient can be too small.
+        # Reversed, it is a polynomial in 1 / t with the leading coefficient 1, so that none can be too small.
         inverse = np.roots(determinant)
-        real = inverse.real[(abs(inverse.imag) <= 1e-7 * abs(inverse)) & (inverse.real > 1 / _WIDEST)]
+        real = inverse.real[(abs(inverse.imag) <= 1e-7 * abs(inverse)) & (inverse.real > 1 / _MAX_TANGENT)]
         if real.size:
             radii[i] = 1 / real.max()
     return angles, radii
 
 
 def _fold_radius(points: np.ndarray, lens: tuple[float, ...]) -> np.ndarray | float:
-    """The radius of the fold in the direction of each of the (2, N) points."""
+    """Return the radius of the fold in the direction of each of the (2, N) points."""
     angles, radii = _folds(lens)
     if len(radii) == 1:
         return float(radii[0])
@@ -176,10 +179,10 @@ def _fold_radius(points: np.ndarray, lens: tuple[float, ...]) -> np.ndarray | fl
 
 
 def _undistort(points: np.ndarray, lens: tuple[float, ...], tolerance: float) -> int:
-    """Replace (2, N) distorted x', y' by the x, y that the lens brings there; the number that had to be clamped.
+    """Undistort (2, N) x', y' in place and return the number of pixels clamped to the fold.
 
-    Newton's method. A step that leaves the region where the lens is invertible, or that brings no improvement, is
-    halved: where the derivatives are regular some shorter step always improves, so only pixels beyond the fold stall.
+    Newton's method. A step is halved if it leaves the region where the lens is invertible or brings no improvement.
+    Where the derivatives are regular some shorter step always improves, so only pixels beyond the fold stall.
     """
     nearest = _folds(lens)[1].min()
     with np.errstate(all="ignore"):
@@ -218,7 +221,7 @@ def _undistort(points: np.ndarray, lens: tuple[float, ...], tolerance: float) ->
 
 
 def camera_rays(intrinsics: Intrinsics, c2w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rays through every pixel.
+    """Return the rays through all pixel centres.
 
     Args:
         intrinsics: the camera.
@@ -238,7 +241,13 @@ def camera_rays(intrinsics: Intrinsics, c2w: np.ndarray) -> tuple[np.ndarray, np
 
 
 def planar_pose(x: float, y: float, heading: float, height: float = CAMERA_HEIGHT) -> np.ndarray:
-    """Camera-to-world pose of a level camera at (x, y) that looks along ``heading`` (radians).
+    """Return the (4, 4) camera-to-world pose of a level camera.
+
+    Args:
+        x: world x, metres.
+        y: world y, metres.
+        heading: viewing direction, radians.
+        height: of the camera above the floor, metres.
 
     Example:
         >>> forward = -planar_pose(1, 2, 0.0)[:3, 2]
@@ -250,7 +259,7 @@ def planar_pose(x: float, y: float, heading: float, height: float = CAMERA_HEIGH
 
 
 def planar_from_pose(c2w: np.ndarray) -> tuple[float, float, float]:
-    """(x, y, heading) of a camera, the inverse of :func:`planar_pose` for a level one.
+    """Return x, y (metres) and heading (radians) of a camera; inverse of :func:`planar_pose` for a level camera.
 
     Example:
         >>> [round(v, 6) for v in planar_from_pose(planar_pose(1, 2, 0.5))]
@@ -260,7 +269,7 @@ def planar_from_pose(c2w: np.ndarray) -> tuple[float, float, float]:
 
 
 def wrap_angle(angle: float) -> float:
-    """The same angle in [-pi, pi).
+    """Return the equivalent angle in [-pi, pi).
 
     Example:
         >>> round(wrap_angle(2 * np.pi + 0.25), 6)
@@ -270,7 +279,15 @@ def wrap_angle(angle: float) -> float:
 
 
 def world_to_cell(points: np.ndarray, origin: np.ndarray, cell: float) -> np.ndarray:
-    """(..., 2) world x, y -> (..., 2) integer [row, column]. Not clipped to any grid.
+    """Convert world x, y to cells.
+
+    Args:
+        points: (..., 2 or more) world x, y, metres.
+        origin: (2,) world x, y of the outer corner of cell [0, 0].
+        cell: side of a cell, metres.
+
+    Returns:
+        (..., 2) int64 [row, column], not clipped to any grid.
 
     Example:
         >>> world_to_cell(np.array([0.12, 0.01]), np.zeros(2), 0.05)
@@ -280,7 +297,7 @@ def world_to_cell(points: np.ndarray, origin: np.ndarray, cell: float) -> np.nda
 
 
 def cell_to_world(cells: np.ndarray, origin: np.ndarray, cell: float) -> np.ndarray:
-    """(..., 2) [row, column] -> (..., 2) world x, y of the cell centres.
+    """Convert (..., 2) cells [row, column] to the (..., 2) world x, y of their centres.
 
     Example:
         >>> cell_to_world(np.array([0, 2]), np.zeros(2), 0.5)
@@ -290,11 +307,11 @@ def cell_to_world(cells: np.ndarray, origin: np.ndarray, cell: float) -> np.ndar
 
 
 def block_shares(cells: np.ndarray, block: int) -> np.ndarray:
-    """How much of each block of cells is set.
+    """Return the fraction of set cells in each square block.
 
     Args:
         cells: (C, M, M) bool.
-        block: cells a side of a block; divides M.
+        block: side of a block in cells; divides M.
 
     Returns:
         (C, G, G) float32, 0 to 1.
@@ -308,34 +325,23 @@ def block_shares(cells: np.ndarray, block: int) -> np.ndarray:
     return blocks.sum(axis=(2, 4), dtype=np.float32) / block**2
 
 
-def skew(v: np.ndarray) -> np.ndarray:
-    """(3,) -> (3, 3) cross-product matrix."""
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-
-
 def so3_exp(omega: np.ndarray) -> np.ndarray:
-    """Rotation matrix of a rotation vector (radians), Rodrigues' formula.
+    """Return the (..., 3, 3) rotation matrices of (..., 3) rotation vectors in radians.
 
     Example:
         >>> so3_exp(np.array([0, 0, np.pi / 2])).round(6)[0] + 0
         array([ 0., -1.,  0.])
     """
-    angle = float(np.linalg.norm(omega))
-    k = skew(omega)
-    if angle < 1e-8:
-        return np.eye(3) + k + k @ k / 2
-    return np.eye(3) + np.sin(angle) / angle * k + (1 - np.cos(angle)) / angle**2 * (k @ k)
+    return Rotation.from_rotvec(omega).as_matrix()
 
 
-def rotation_angle(a: np.ndarray, b: np.ndarray) -> float:
-    """Geodesic distance between two rotations, radians.
-
-    Computed from the sine and the cosine, because arccos alone loses half the digits near zero.
+def rotation_angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the geodesic distances between the rotations of (..., 4, 4) poses, radians, shape (...).
 
     Example:
-        >>> round(rotation_angle(np.eye(3), so3_exp(np.array([0, 1e-9, 0]))) * 1e9, 6)
+        >>> a, b = np.eye(4), np.eye(4)
+        >>> b[:3, :3] = so3_exp(np.array([0, 1e-9, 0]))
+        >>> round(float(rotation_angle(a, b)) * 1e9, 6)
         1.0
     """
-    r = a[:3, :3].T @ b[:3, :3]
-    sine = np.linalg.norm([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2
-    return float(np.arctan2(sine, (np.trace(r) - 1) / 2))
+    return Rotation.from_matrix(np.swapaxes(a[..., :3, :3], -1, -2) @ b[..., :3, :3]).magnitude()

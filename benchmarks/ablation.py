@@ -1,11 +1,11 @@
-"""What each choice of Semantic Nerfacto is worth: its ``fast`` settings with one thing changed at a time.
+"""Ablation of Semantic Nerfacto: the ``fast`` settings with one change at a time.
 
     python benchmarks/ablation.py                  # about two hours; writes benchmarks/ablation.md
     python benchmarks/ablation.py --quick          # two rows and a few steps, written under runs/
 
-A cell is one row of VARIATIONS on one scene. It is kept as a JSON under ``--cells``; a run that was interrupted goes on
-where it stopped, and a cell whose settings have changed since is made again. A step's time is measured apart from the
-fit, by turns with a step of the base, so that both meet the same machine.
+A cell is one row of VARIATIONS on one scene, stored as JSON under ``--cells``. An interrupted run continues where it
+stopped; a cell whose settings have changed is computed again. The time of a step is measured separately from the fit,
+in turns with a step of the base, so that other load affects both alike.
 
 Prints the table and, as the last line, one JSON object.
 """
@@ -32,21 +32,22 @@ BASE = MODELS["semantic-nerfacto"].settings["fast"]
 
 @dataclass(frozen=True)
 class Variation:
-    """The base with some settings overridden; those that the model's ``fast`` settings lack are an error."""
+    """The base with some settings overridden; the overrides must exist in the model's ``fast`` settings."""
 
-    name: str
+    name: str  # heading of the row
     overrides: Mapping[str, Any]
     model: str = "semantic-nerfacto"
     seed: int = 0
 
     @property
     def settings(self) -> Settings:
+        """Settings of the row."""
         return replace(MODELS[self.model].settings["fast"], **{"steps": BASE.steps, **self.overrides})
 
 
 VARIATIONS = (
     Variation("base", {}),
-    Variation("base, another seed", {}, seed=1),  # how much of a difference is chance
+    Variation("base, another seed", {}, seed=1),  # size of random differences
     Variation("no distortion loss", {"distortion_weight": 0.0}),
     Variation("interlevel weight 0.1", {"interlevel_weight": 0.1}),
     Variation("24 samples", {"samples": 24}),
@@ -57,15 +58,15 @@ VARIATIONS = (
     Variation("finest cells 1 cm", {"fine": 0.01}),
     Variation("finest cells 2 cm", {"fine": 0.02}),
     Variation("finest cells 3 cm", {"fine": 0.03}),
-    Variation("2^16 entries a level", {"log2_entries": 16}),
-    Variation("2^17 entries a level", {"log2_entries": 17}),
-    Variation("2^18 entries a level", {"log2_entries": 18}),
+    Variation("2^16 entries per level", {"log2_entries": 16}),
+    Variation("2^17 entries per level", {"log2_entries": 17}),
+    Variation("2^18 entries per level", {"log2_entries": 18}),
     Variation("semantic weight 0.02", {"semantic_weight": 0.02}),
     Variation("semantic weight 0.1", {"semantic_weight": 0.1}),
     Variation("semantic weight 0.5", {"semantic_weight": 0.5}),
     Variation("colour without view direction", {"view_dependent": False}),
     Variation("two rounds of proposals, 64 and 32", {"proposal_samples": (64, 32)}),
-    Variation("proposals learn every 2nd step", {"proposal_every": 2}),
+    Variation("proposals updated every 2nd step", {"proposal_every": 2}),
     Variation("all samples active (min_weight 0)", {"min_weight": 0.0}),
     Variation("shell as thick as half the box", {"shell": 1.0}),
     Variation("trained with depth, weight 0.05", {"depth_weight": 0.05}),
@@ -82,44 +83,44 @@ COLUMNS = {  # score -> heading, factor, decimals
 
 
 def rows_to_run() -> list[Variation]:
-    """Those that differ from the base: what a row calls a change may have become the default."""
+    """Return the base and the rows that differ from it; a change may have become the default."""
     base, *others = VARIATIONS
     return [base, *(row for row in others if (row.settings, row.seed, row.model) != (BASE, base.seed, base.model))]
 
 
 def relative_step(folder: Path, row: Variation, quick: bool) -> float:
-    """A step's time by that of the base, both after an eighth of their training, when they have settled."""
+    """Return the time of a step relative to the base, both after an eighth of their training."""
     pixels = pixels_of(read_views(folder, depth=row.settings.depth_weight > 0)[0])
     trainers = {"base": Trainer(pixels, BASE), "row": Trainer(pixels, row.settings, row.model)}
     for trainer in trainers.values():
         for _ in range(3 if quick else trainer.settings.steps // 8):
             trainer.step()
-    # the occupancy grid is updated every 16 steps
+    # 16 steps, because the occupancy grid is updated every 16 steps
     times = interleaved({name: (trainer.step, 16) for name, trainer in trainers.items()}, 1 if quick else 5)
     return times["row"] / times["base"]
 
 
 def run_cell(folder: Path, row: Variation, identity: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:
-    """Fit, judge and time one row on one scene."""
+    """Fit, evaluate and time one row on one scene."""
     settings = row.settings
     if options.quick:
         settings = replace(settings, steps=20)
     arguments = {"model": row.model, "seed": row.seed}
     found = in_fresh_process(options.threads, fit_and_score, folder, settings, **arguments)
-    slower = 1.0
+    step = 1.0
     if (row.settings, row.model) != (BASE, VARIATIONS[0].model):
-        slower = in_fresh_process(options.threads, relative_step, folder, row, options.quick)
-    return {"identity": identity, **found["rows"][-1], "relative_step": slower}
+        step = in_fresh_process(options.threads, relative_step, folder, row, options.quick)
+    return {"identity": identity, **found["rows"][-1], "relative_step": step}
 
 
 def finished(path: Path, identity: dict[str, Any]) -> dict[str, Any] | None:
-    """The cell on disk, if it is of these settings."""
+    """Return the stored cell if it has these settings, else None."""
     cell = read_json(path) if path.exists() else None
     return cell if cell and cell["identity"] == json.loads(json.dumps(identity)) else None
 
 
 def run_scene(scene: str, rows: list[Variation], options: argparse.Namespace) -> dict[str, dict[str, Any]]:
-    """Every row on one scene, by name; its views are made when the first cell needs them."""
+    """Return all rows of one scene by name; views are rendered when the first cell needs them."""
     cells = {}
     with tempfile.TemporaryDirectory() as folder:
         views = Path(folder) / scene
@@ -144,16 +145,13 @@ def run_scene(scene: str, rows: list[Variation], options: argparse.Namespace) ->
 
 
 def slug(name: str) -> str:
-    """A name as a file's.
-
-    Example: ``slug("2^16 entries a level")`` is ``"2-16-entries-a-level"``.
-    """
+    """Return a file name: ``"2^16 entries per level"`` becomes ``"2-16-entries-per-level"``."""
     words = "".join(letter if letter.isalnum() or letter == "." else " " for letter in name).split()
     return "-".join(words)
 
 
 def table(results: dict[str, list[dict[str, Any]]]) -> str:
-    """Means over scenes, a row a variation, in markdown."""
+    """Return the means over scenes as a Markdown table with one row per variation."""
     lines = ["| variation | " + " | ".join(heading for heading, _, _ in COLUMNS.values()) + " |"]
     lines.append("|---|" + "---:|" * len(COLUMNS))
     for name, cells in results.items():
@@ -166,31 +164,32 @@ def table(results: dict[str, list[dict[str, Any]]]) -> str:
 
 
 def text(results: dict[str, list[dict[str, Any]]], options: argparse.Namespace) -> str:
-    """The markdown file."""
-    return f"""# What each choice of Semantic Nerfacto is worth
+    """Return the Markdown file."""
+    return f"""# Ablation of Semantic Nerfacto
 
-Made by `python benchmarks/ablation.py --scenes {" ".join(options.scenes)}`.
+Written by `python benchmarks/ablation.py --scenes {" ".join(options.scenes)}`.
 
-The `fast` settings with one thing changed at a time; {BASE.steps} steps, and no depth, where a row says nothing else.
-Trained on {options.views} views of 128×128 that are uniform over the scene, judged by {options.test_views} others.
-Values are means over {", ".join(options.scenes)}, one seed each: the row with another seed says which differences are
-chance. The time of a step is measured by turns with the base's, both after an eighth of their training.
+Each row changes one of the `fast` settings; {BASE.steps} steps and no depth unless the row says otherwise.
+Trained on {options.views} views of 128×128, uniform over the scene; evaluated on {options.test_views} test views.
+Values are means over {", ".join(options.scenes)} with one seed. The row with another seed shows the size of random
+differences. The time of a step is measured in turns with the base, both after an eighth of their training.
 
 {table(results)}
 """
 
 
 def main() -> None:
+    """Run the missing cells, then print and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", default=["dev-0", "dev-1"])
+    parser.add_argument("--scenes", nargs="+", default=["dev-0", "dev-1"], help="Names of scenes.")
     names = [row.name for row in rows_to_run()]
-    parser.add_argument("--rows", nargs="+", choices=names, metavar="NAME", help="beside the base; all without")
-    parser.add_argument("--views", type=int, default=600)
-    parser.add_argument("--test-views", type=int, default=60)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--cells", type=Path, default=None, help="where cells are kept; runs/ablation without")
-    parser.add_argument("--out", type=Path, default=None, help="the table; benchmarks/ablation.md without")
-    parser.add_argument("--quick", action="store_true", help="two rows, few views and steps: only to see that it runs")
+    parser.add_argument("--rows", nargs="+", choices=names, metavar="NAME", help="Rows besides the base. Default: all.")
+    parser.add_argument("--views", type=int, default=600, help="Training views per scene.")
+    parser.add_argument("--test-views", type=int, default=60, help="Test views per scene.")
+    parser.add_argument("--threads", type=int, default=2, help="Number of threads.")
+    parser.add_argument("--cells", type=Path, default=None, help="Folder of cells. Default: runs/ablation.")
+    parser.add_argument("--out", type=Path, default=None, help="Output file. Default: benchmarks/ablation.md.")
+    parser.add_argument("--quick", action="store_true", help="Two rows, few views and steps.")
     options = parser.parse_args()
     rows = rows_to_run()
     if options.rows:

@@ -1,11 +1,11 @@
-"""How opaque must a voxel be to count as an obstacle? Measured on training scenes, stated in ``evaluators/maps.py``.
+"""Calibration of the opacity threshold above which a voxel counts as an obstacle, on training scenes.
 
-For each scene: a walk, a fit, then the occupancy map at every candidate threshold. The threshold with the best sum of
-free accuracy and of the F1 score of occupied cells (5 cm), averaged over the scenes, is the one to state, with the last
-lines that are printed: date, model, scenes and table.
+For each scene, the script records a trajectory, trains a field and computes the occupancy map at every candidate
+threshold. The best threshold has the largest sum of free accuracy and F1 score of occupied cells (5 cm), averaged over
+the scenes. Copy it to ``evaluators/maps.py``, with the last printed lines: date, model, scenes and table.
 
-Each scene is kept in ``--out`` as soon as it is done, and a fit goes on from its checkpoint: interrupted, the same
-command goes on, and another one with more ``--scenes`` measures only those that are new.
+The result of each scene is saved in ``--out`` as soon as it is complete, and a training continues from its checkpoint:
+after an interruption, run the same command again. With more ``--scenes``, only the new ones are measured.
 
     python benchmarks/calibrate_opacity.py [--scenes train-00,train-05] [--policy frontier] [--out DIR] [--quick]
 """
@@ -27,16 +27,16 @@ SCENES = ("train-00", "train-04", "train-08", "train-12", "train-16", "train-20"
 
 
 def scores_of(name: str, preset: str, policy: str, folder: Path) -> list[dict[str, float]]:
-    """The map scores of one scene, a row a threshold; those of the folder, if it has them."""
-    asked = {"scene": name, "preset": preset, "policy": policy, "model": "semantic-nerfacto"}
-    asked["thresholds"] = list(THRESHOLDS)
-    kept = folder / f"{name}.json"
-    if kept.exists() and (found := storage.read_json(kept)).pop("rows") and found == asked:
-        return storage.read_json(kept)["rows"]
-    sim, steps = lab.Simulator(lab.load_scene(name)), lab.preset(preset).walk_steps
-    # a walk is walked again in seconds, to the same bits; a fit goes on
-    walk = lab.explore(sim, policy, steps=steps, seed=0)
-    nerf = lab.fit(walk, asked["model"], preset, checkpoint=folder / name)
+    """Compute the map scores of one scene, one row per threshold; return saved scores if there are any."""
+    identity = {"scene": name, "preset": preset, "policy": policy, "model": "semantic-nerfacto"}
+    identity["thresholds"] = list(THRESHOLDS)
+    path = folder / f"{name}.json"
+    if path.exists() and (found := storage.read_json(path)).pop("rows") and found == identity:
+        return storage.read_json(path)["rows"]
+    sim, steps = lab.Simulator(lab.load_scene(name)), lab.preset(preset).episode_steps
+    # the trajectory is recorded again, with the same bits; the training continues from its checkpoint
+    trajectory = lab.explore(sim, policy, steps=steps, seed=0)
+    nerf = lab.fit(trajectory, identity["model"], preset, checkpoint=folder / name)
     truth = true_map(sim)
     rows = []
     for threshold in THRESHOLDS:
@@ -46,17 +46,17 @@ def scores_of(name: str, preset: str, policy: str, folder: Path) -> list[dict[st
         precision, recall = values["occupancy_precision"], values["occupancy_recall"]
         values["occupancy_f1"] = 2 * precision * recall / max(precision + recall, 1e-9)
         rows.append(values)
-    storage.write_json(kept, {**asked, "rows": rows})
+    storage.write_json(path, {**identity, "rows": rows})
     return rows
 
 
 def main() -> None:
-    """Measure what is missing, print the table, and one JSON object as the last line."""
+    """Run the calibration; print the table and, as the last line, one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", default=",".join(SCENES), help="comma list of training scenes")
-    parser.add_argument("--policy", default="frontier", help="who walks")
-    parser.add_argument("--out", type=Path, default=Path("runs/calibration"), help="where scenes are kept")
-    parser.add_argument("--quick", action="store_true", help="one scene, smoke preset: only to see that it runs")
+    parser.add_argument("--scenes", default=",".join(SCENES), help="Training scenes, separated by commas.")
+    parser.add_argument("--policy", default="frontier", help="Exploration policy.")
+    parser.add_argument("--out", type=Path, default=Path("runs/calibration"), help="Folder of results and checkpoints.")
+    parser.add_argument("--quick", action="store_true", help="Measure one scene with the smoke preset.")
     args = parser.parse_args()
     scenes = ["train-00"] if args.quick else args.scenes.split(",")
     preset = "smoke" if args.quick else "fast"
@@ -65,7 +65,10 @@ def main() -> None:
     mean = {name: np.array([[row[name] for row in rows] for rows in table]).mean(axis=0) for name in names}
     best = THRESHOLDS[int(np.argmax(mean["free_accuracy"] + mean["occupancy_f1"]))]
     today = datetime.now(UTC).date().isoformat()
-    print(f"{best} is best: {today}, semantic-nerfacto, {preset}, walks of {args.policy} in {', '.join(scenes)}")
+    print(
+        f"best threshold {best}: {today}, semantic-nerfacto, {preset}, trajectories of {args.policy} in "
+        f"{', '.join(scenes)}"
+    )
     print("threshold " + " ".join(f"{name:>20}" for name in names))
     for i, threshold in enumerate(THRESHOLDS):
         print(f"{threshold:9.2f} " + " ".join(f"{mean[name][i]:20.1f}" for name in names))

@@ -1,21 +1,20 @@
-"""Kill a grid at random moments, run it again, and look for what was lost.
+"""Kill the run of a grid at random times, continue it, and check that no result is lost.
 
     python benchmarks/crash.py                 # 200 kills of a grid of smoke cells; an hour or two
-    python benchmarks/crash.py --quick         # 6 kills, to see that it runs
+    python benchmarks/crash.py --quick         # 6 kills, as a check of the script
 
-One uninterrupted run says how long the grid takes and what the table must be. Then the same grid is begun in another
-folder and killed (SIGKILL, the runner only: its workers have to notice) after a time drawn uniformly from the length of
-the whole run, so that no cell and no stage is spared; the same command goes on, and is killed again, and when the grid
-is finished before the kills are spent, another one begins. After each kill every file of the results is read, JSON,
-CSV, Parquet, arrays and pictures, those of unfinished cells too:
+An uninterrupted run measures the duration and gives the reference tables. The same grid then runs in another folder and
+is killed (SIGKILL, the main process only; its workers must stop by themselves) after a uniform random time within that
+duration. The same command continues the run and is killed again; a finished grid is followed by a new one. After each
+kill, all files of the results are read, including those of unfinished cells:
 
-    unreadable  a file that does not parse, or one that was cut off and not cleared away in the end
-    lost        a finished cell or a finished stage of an unfinished one that was there before and is gone
-    duplicated  one of these that is there again, made anew
-    different   tables or scores (the column ``seconds`` aside) that are not those of the uninterrupted run
+    unreadable  a file that cannot be read, or a temporary file that is left at the end
+    lost        a finished cell, or a finished stage of an unfinished cell, that has disappeared
+    duplicated  a finished cell or stage that was computed again
+    different   tables or scores (except the column ``seconds``) that differ from the uninterrupted run
 
-Prints a line for people and, as the last line, one JSON object, with the stages that were hit. Exits with 1 if anything
-was found, or if a hundred kills have spared a stage.
+Prints a summary and, as the last line, one JSON object with the stages that were hit. The exit code is 1 if an error is
+found, or if a stage is never hit in a hundred kills.
 """
 
 import argparse
@@ -36,13 +35,13 @@ from PIL import Image
 from autonerf_lab.pipeline.run_folder import STAGES
 from autonerf_lab.utils.storage import read_arrays, read_json
 
-Seen = dict[str, Any]  # cell or "cell stage" -> what would change if it were done again
-HIT = (*STAGES[:4], "exploration")  # what a cell does, one after the other
-ENOUGH = 100  # kills that must have hit all of it
+Seen = dict[str, Any]  # cell or "cell stage" -> content that changes if it is computed again
+CELL_STAGES = (*STAGES[:4], "exploration")  # stages of a cell, in order
+MIN_KILLS = 100  # number of kills that must hit every stage
 
 
 def main() -> None:
-    """Kill, look, print."""
+    """Run the benchmark and print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
@@ -52,7 +51,7 @@ def main() -> None:
     kills = 6 if options.quick else options.kills
     rng = random.Random(options.seed)
     found: Counter[str] = Counter(unreadable=0, lost=0, duplicated=0, different=0)
-    stages: Counter[str] = Counter(dict.fromkeys(HIT, 0))
+    stages: Counter[str] = Counter(dict.fromkeys(CELL_STAGES, 0))
     done = attempt = 0
     with tempfile.TemporaryDirectory() as folder:
         whole = Path(folder) / "whole"
@@ -67,26 +66,26 @@ def main() -> None:
             while done < kills and kill_after(rng.uniform(0, seconds), out, options.workers):
                 done += 1
                 stages.update(stages_of(out))
-                look(out, seen, found)
+                check_files(out, seen, found)
             subprocess.run(command(out, options.workers), check=True, stdout=subprocess.DEVNULL)
-            look(out, seen, found)
+            check_files(out, seen, found)
             found["unreadable"] += sum(file.is_file() for file in out.rglob(".*"))
             found["different"] += not same_tables(out, whole)
             print(f"{done} kills: {dict(found)}", flush=True)
-    spared = [stage for stage in HIT if not stages[stage]]
-    print(f"killed in: {dict(stages)}" + (f"; never in {', '.join(spared)}" if spared else ""))
+    missed = [stage for stage in CELL_STAGES if not stages[stage]]
+    print(f"killed in: {dict(stages)}" + (f"; never in {', '.join(missed)}" if missed else ""))
     print(json.dumps({"kills": done, **found, "stages": stages}))
-    sys.exit(1 if found.total() or (spared and done >= ENOUGH) else 0)
+    sys.exit(1 if found.total() or (missed and done >= MIN_KILLS) else 0)
 
 
 def command(out: Path, workers: int) -> list[str]:
-    """The grid: two policies from two starts in one apartment, so that some cells begin where others have ended."""
+    """Return the command of the grid: two policies, two starts, one scene; more cells than workers."""
     words = f"bench run --policies random,frontier --scenes dev-0 --starts 2 --preset smoke --workers {workers} --out"
     return [sys.executable, "-m", "autonerf_lab.cli", *words.split(), str(out)]
 
 
 def kill_after(seconds: float, out: Path, workers: int) -> bool:
-    """Whether the grid had not ended by itself before."""
+    """Run the grid and kill it after some seconds; return False if it has finished before."""
     process = subprocess.Popen(command(out, workers), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         process.wait(timeout=seconds)
@@ -98,19 +97,19 @@ def kill_after(seconds: float, out: Path, workers: int) -> bool:
 
 
 def stages_of(out: Path) -> list[str]:
-    """What the cells that were under way were doing: as many as there are workers, or nothing yet."""
+    """Return the current stages of the running cells; at most one per worker."""
     stages = []
     for path in out.glob("work/*/run/run.json"):
         try:
             done = read_json(path)["stages"]
-        except ValueError:  # a worker that has not noticed yet clears away
+        except ValueError:  # a worker that is still running removes the folder
             continue
         stages.append(next((stage for stage in STAGES[:4] if stage not in done), "exploration"))
     return stages or ["between cells"]
 
 
-def read_picture(file: Path) -> None:
-    """Every pixel of it."""
+def read_image(file: Path) -> None:
+    """Read all pixels of an image."""
     with Image.open(file) as image:
         image.load()
 
@@ -120,27 +119,27 @@ READERS: dict[str, Callable[[Path], Any]] = {
     ".csv": pd.read_csv,
     ".parquet": pd.read_parquet,
     ".safetensors": read_arrays,
-    ".png": read_picture,
-    ".webp": read_picture,
+    ".png": read_image,
+    ".webp": read_image,
 }
 
 
-def unfinished_walk(file: Path) -> bool:
-    """Whether it is a frame that nobody will read: transforms.json says that a walk is whole, and is written last."""
+def in_unfinished_trajectory(file: Path) -> bool:
+    """Return True for a frame of an incomplete trajectory: transforms.json is written last."""
     return file.name.startswith("frame_") and not (file.parents[1] / "transforms.json").exists()
 
 
-def look(out: Path, seen: Seen, counts: Counter[str]) -> None:
-    """Read everything, and compare it with what was there before."""
+def check_files(out: Path, seen: Seen, counts: Counter[str]) -> None:
+    """Read all files and compare the finished cells and stages with those seen before."""
     found: Seen = {}
     for file in out.rglob("*"):
         if file.name.startswith(".") or file.suffix not in READERS:
-            continue  # cut off in writing: never read by anybody; or text, which any bytes are
+            continue  # a temporary file or a text file
         try:
             content = READERS[file.suffix](file)
             whole = file.read_bytes()
         except (OSError, ValueError) as error:
-            if file.exists() and not unfinished_walk(file):  # else a worker that has not noticed yet clears away
+            if file.exists() and not in_unfinished_trajectory(file):  # a running worker may have removed it
                 print(f"unreadable: {file}: {error}", flush=True)
                 counts["unreadable"] += 1
             continue
@@ -157,7 +156,7 @@ def look(out: Path, seen: Seen, counts: Counter[str]) -> None:
 
 
 def same_tables(out: Path, whole: Path) -> bool:
-    """Byte by byte, but for the seconds."""
+    """Return True if scores (except ``seconds``) and tables are equal byte by byte."""
     scores = [pd.read_csv(folder / "scores.csv").drop(columns="seconds").to_csv() for folder in (out, whole)]
     tables = [[(folder / f"tables.{kind}").read_bytes() for kind in ("md", "tex", "html")] for folder in (out, whole)]
     return scores[0] == scores[1] and tables[0] == tables[1]

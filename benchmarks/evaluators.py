@@ -1,10 +1,10 @@
-"""How long do the evaluators take, how much memory do they need, and how do both grow with the apartment?
+"""Time and memory of the evaluators, and their growth with the size of the apartment.
 
-One trained field of an apartment near 80 m2 goes through tasks 1 to 5: the bar is 65 s and 3 GB for ``fast``. Then the
-true geometry of apartments of 40 to 140 m2 does: it answers at no cost, so these are the seconds of the evaluators
-themselves; what a trained field adds are its own renderings and density queries, which are counted. Each apartment has
-a process of its own, so that no peak of memory is that of another. Areas are the floors of the rooms.
-``--quick`` looks at two small apartments with the smoke preset.
+One trained field of an apartment near 80 m2 is evaluated in tasks 1 to 5. The target is 65 s and 3 GB with the preset
+``fast``. Then the true geometry of apartments of 40 to 140 m2 is evaluated; its queries cost almost nothing, so this
+measures the evaluators alone. The script counts the rays and density queries, whose cost a trained field adds. Each
+apartment runs in a process of its own, so that peak memories are independent. Areas are floor areas of the rooms.
+``--quick`` measures two small apartments with the smoke preset.
 
 Run: python benchmarks/evaluators.py [--quick]
 """
@@ -22,7 +22,7 @@ from common.training import in_fresh_process
 from common.views import floor_area, scene_by_name
 
 from autonerf_lab.config import preset
-from autonerf_lab.evaluators import METRICS, TrueField, evaluate
+from autonerf_lab.evaluators import DEFAULT_TASKS, TrueField, evaluate
 from autonerf_lab.evaluators.ground_truth import true_map
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit, load_nerf
@@ -31,91 +31,94 @@ from autonerf_lab.scenes.generator import generate_spec
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.utils.resources import peak_gb
 
-BAR_M2 = 80.0
+TARGET_M2 = 80.0  # area of the apartment of the trained field
 THREADS = 2
-TASKS = ("truth", *METRICS)
+TASKS = ("truth", *DEFAULT_TASKS)
 
 
-class Counting(TrueField):
-    """The true geometry, counting what it is asked."""
+class CountingField(TrueField):
+    """True geometry that counts its queries."""
 
     def __init__(self, scene: Scene, sim: Simulator) -> None:
         super().__init__(scene, sim)
-        self.asked = {"rendered_rays": 0, "density_queries": 0, "gradient_rays": 0}
+        self.queries = {"rendered_rays": 0, "density_queries": 0, "gradient_rays": 0}
 
     def render(self, c2w, intrinsics):
-        self.asked["rendered_rays"] += intrinsics.width * intrinsics.height
+        """Render, and count the rays."""
+        self.queries["rendered_rays"] += intrinsics.width * intrinsics.height
         return super().render(c2w, intrinsics)
 
     def density(self, points):
-        self.asked["density_queries"] += len(points)
+        """Return densities, and count the points."""
+        self.queries["density_queries"] += len(points)
         return super().density(points)
 
     def ray_gradients(self, rays_o, rays_d, target):
-        self.asked["gradient_rays"] += len(rays_o)
+        """Return gradients, and count the rays."""
+        self.queries["gradient_rays"] += len(rays_o)
         return super().ray_gradients(rays_o, rays_d, target)
 
 
 def simulator(name: str, size: str) -> Simulator:
-    """Of an apartment, with the camera of a preset and its texture baked."""
+    """Create the simulator of an apartment with the camera of a preset and a baked texture."""
     scene = scene_by_name(name)
-    _ = scene.texture  # baked once for a scene: no part of the evaluation
-    return Simulator.of_preset(scene, preset(size))
+    _ = scene.texture  # baked once per scene, not part of the evaluation
+    return Simulator.from_preset(scene, preset(size))
 
 
 def train(name: str, size: str, folder: Path) -> None:
-    """Walk through an apartment and leave a field of it."""
-    walk = explore(simulator(name, size), "frontier", steps=preset(size).walk_steps, seed=0, progress=False)
-    fit(walk, preset=size, progress=False).save(folder)
+    """Explore an apartment, train a field and save it."""
+    trajectory = explore(simulator(name, size), "frontier", steps=preset(size).episode_steps, seed=0, progress=False)
+    fit(trajectory, preset=size, progress=False).save(folder)
 
 
 def measure(name: str, size: str, folder: Path | None = None) -> dict[str, Any]:
-    """Seconds a task and peak memory in one apartment, of the field in ``folder`` or of the true geometry."""
+    """Measure seconds per task and peak memory in one apartment, for the field in ``folder`` or the true geometry."""
     small = generate_apartment(0)
-    evaluate(TrueField(small, views=2), small, "smoke", progress=False)  # loads the kernels
+    evaluate(TrueField(small, views=2), small, "smoke", progress=False)  # loads the compiled kernels
     sim = simulator(name, size)
     start = time.perf_counter()
     true_map(sim)
     truth_s = time.perf_counter() - start
-    field: Any = Counting(sim.scene, sim) if folder is None else load_nerf(folder)
+    field: Any = CountingField(sim.scene, sim) if folder is None else load_nerf(folder)
     scores = evaluate(field, sim.scene, size, progress=False)
     failed = [row.status for row in scores if row.status.startswith("failed")]
     if failed:
         raise RuntimeError(failed[0])
     seconds = {"truth": truth_s, **{row.task: row.seconds for row in scores}}
     row = {"area_m2": floor_area(sim.scene.spec), **seconds, "total": sum(seconds.values()), "peak_gb": peak_gb()}
-    return row | (field.asked if folder is None else {})
+    return row | (field.queries if folder is None else {})
 
 
 def show(rows: list[dict[str, Any]]) -> None:
-    """A table for people."""
+    """Print the rows as a table."""
     print("  ".join(name.rjust(max(8, len(name))) for name in rows[0]))
     for row in rows:
         print("  ".join(f"{value:.2f}".rjust(max(8, len(name))) for name, value in row.items()), flush=True)
 
 
 def main() -> None:
-    """Measure, print tables, and one JSON object as the last line."""
+    """Run the benchmark; print tables and, as the last line, one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="the smoke preset in two small apartments")
+    parser.add_argument("--quick", action="store_true", help="Measure two small apartments with the smoke preset.")
     quick = parser.parse_args().quick
     size, names = ("smoke", spread_apartments(2, 6)) if quick else ("fast", spread_apartments(6, 60))
     areas = {name: floor_area(generate_spec(int(name.rpartition("-")[2]))) for name in names}
-    near = min(names, key=lambda name: abs(areas[name] - BAR_M2))
+    near = min(names, key=lambda name: abs(areas[name] - TARGET_M2))
     with tempfile.TemporaryDirectory() as folder:
         in_fresh_process(THREADS, train, near, size, Path(folder))
-        bar = in_fresh_process(THREADS, measure, near, size, Path(folder))
-    print(f"Seconds a task, preset {size}, a trained field")
-    show([bar])
+        trained = in_fresh_process(THREADS, measure, near, size, Path(folder))
+    print(f"Trained field: seconds per task, preset {size}")
+    show([trained])
     rows = [in_fresh_process(THREADS, measure, name, size) for name in names]
     rows.sort(key=lambda row: row["area_m2"])
-    print("The true geometry")
+    print("True geometry: seconds per task")
     show(rows)
     floor = [row["area_m2"] for row in rows]
     slopes = {key: float(np.polyfit(floor, [row[key] for row in rows], 1)[0]) for key in (*TASKS, "total", "peak_gb")}
-    print("more for each square metre: " + ", ".join(f"{key} {slope:.3f}" for key, slope in slopes.items()))
-    found = {"total_s": bar["total"], "peak_gb": bar["peak_gb"], "area_m2": bar["area_m2"], "preset": size}
-    found["seconds"] = {task: bar[task] for task in TASKS}
+    print("increase per square metre: " + ", ".join(f"{key} {slope:.3f}" for key, slope in slopes.items()))
+    found = {"total_s": trained["total"], "peak_gb": trained["peak_gb"], "area_m2": trained["area_m2"], "preset": size}
+    found["seconds"] = {task: trained[task] for task in TASKS}
     print(json.dumps(found | {"true_geometry": rows, "per_m2": slopes}))
 
 

@@ -1,19 +1,19 @@
-"""How well and how fast the robot explores: task 8 of the protocol, for every policy.
+"""Exploration benchmark: coverage (task 8 of the protocol) and speed of every policy.
 
     python benchmarks/exploration.py                          # development scenes, 2 starts: about an hour
     python benchmarks/exploration.py --split val --starts 5 --plot docs/coverage.png
     python benchmarks/exploration.py --policies frontier,modular-obs --no-speed
     python benchmarks/exploration.py --quick
 
-Coverage: shares of what is visible in the scene after 10, 25, 50 and 100 % of the walk, and the areas under the curves,
-means over scenes with 95 % intervals (Student's t on scene means). Each learned policy is compared, paired by scene and
-start, by the area under the curve of what it was trained for: with frontier, random waypoints and its own untrained
-network where it chooses waypoints, with random and its own untrained network where it chooses actions. Curiosity,
-novelty and reconstruction have no curve of their own; they are judged by the area. Above all of them stand greedy
-explorers who know what there is to find (``omniscient area`` and so on, one a quantity). A walk is kept as a JSON under
-``--cells``; a run that was interrupted goes on where it stopped, and weights that have changed since walk again.
+Coverage: share of the visible quantity after 10, 25, 50 and 100 % of the steps, and the area under the curve; means
+over scenes with 95 % intervals (Student's t on scene means). Each learned policy is compared with its baselines, paired
+by scene and start, by the area under the curve of the quantity it was trained for. Baselines are its own untrained
+network, and frontier and random waypoints for policies with waypoints, random actions for the others. Curiosity,
+novelty and reconstruction are compared by explored area. Upper bounds are greedy oracles with ground truth
+(``omniscient area`` etc., one per quantity). Each rollout is saved as a JSON file under ``--cells``; an interrupted run
+resumes there, and changed weights are evaluated again.
 
-Speed: an episode as it is recorded (128 x 128, supersampled), and training, learning included, on 1 and 2 workers.
+Speed: duration of a recorded episode (128 x 128, supersampled), and training steps per second with 1 and 2 workers.
 
 Prints tables and, as the last line, one JSON object.
 """
@@ -35,17 +35,17 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-from common.omniscient import Omniscient
+from common.oracle_policy import OraclePolicy
 from common.training import in_fresh_process, set_threads
 
 from autonerf_lab.benchmark.statistics import Runs, difference, interval
 from autonerf_lab.config import preset
 from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage
-from autonerf_lab.evaluators.exploration import SENSOR, kept_visible_map
+from autonerf_lab.evaluators.exploration import SENSOR, cached_visible_map
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.policies import POLICIES, Policy, load_policy, make_policy, weights_path, weights_sha256
-from autonerf_lab.policies.networks import make_view
+from autonerf_lab.policies.spec import make_interface
 from autonerf_lab.policies.weights import read_meta
 from autonerf_lab.scenes import load_scene, scene_names
 from autonerf_lab.simulator import Simulator
@@ -55,20 +55,23 @@ from autonerf_lab.utils.storage import read_json, write_json
 UNTRAINED = "untrained "
 OMNISCIENT = {f"omniscient {quantity}": quantity for quantity in QUANTITIES.values()}
 TRAINED_FOR = {"cov": "area", "obs": "obstacles", "sem": "semantics", "view": "viewpoints"}
-STRIDE = 5  # steps between two points of a curve that is kept
+STRIDE = 5  # steps between two points of a saved curve
 
 
 def main() -> None:
+    """Run the rollouts and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--split", default="dev", choices=["train", "dev", "val"])
-    parser.add_argument("--policies", default=None, help="comma list; all, and the untrained, without")
-    parser.add_argument("--steps", type=int, default=1500)
-    parser.add_argument("--starts", type=int, default=2, help="seeded starts a scene")
-    parser.add_argument("--workers", type=int, default=2, help="processes")
-    parser.add_argument("--cells", type=Path, default=Path("runs/exploration"), help="where walks are kept")
-    parser.add_argument("--plot", default=None, help="where to write the figure")
-    parser.add_argument("--no-speed", action="store_true")
-    parser.add_argument("--quick", action="store_true", help="one scene, two policies, 200 steps: to see that it runs")
+    parser.add_argument(
+        "--policies", default=None, help="Policies, separated by commas. Default: all, with untrained and oracles."
+    )
+    parser.add_argument("--steps", type=int, default=1500, help="Actions per episode.")
+    parser.add_argument("--starts", type=int, default=2, help="Start poses per scene.")
+    parser.add_argument("--workers", type=int, default=2, help="Number of worker processes.")
+    parser.add_argument("--cells", type=Path, default=Path("runs/exploration"), help="Folder of the saved rollouts.")
+    parser.add_argument("--plot", default=None, help="File of the figure.")
+    parser.add_argument("--no-speed", action="store_true", help="Skip the speed measurements.")
+    parser.add_argument("--quick", action="store_true", help="One scene, two policies, 200 steps, as a test.")
     options = parser.parse_args()
     learned = [name for name in POLICIES if name.startswith(("modular-", "e2e-"))]
     policies = [*POLICIES, *(UNTRAINED + name for name in learned), *OMNISCIENT]
@@ -80,8 +83,8 @@ def main() -> None:
         options.cells = Path(tempfile.mkdtemp())
     for name in policies:
         if name not in OMNISCIENT:
-            make(name)  # a name that is wrong fails here, not hours later
-    curves = walk_all(policies, scenes, options.starts, options.steps, options.cells, options.workers)
+            make(name)  # an unknown name fails here
+    curves = run_all(policies, scenes, options.starts, options.steps, options.cells, options.workers)
     print_curves(curves, options.steps)
     print_differences(curves)
     if options.plot:
@@ -93,35 +96,38 @@ def main() -> None:
     print(json.dumps({k: v if v is None else round(v, 2) for k, v in (figures | areas).items()}))
 
 
-Curves = dict[str, dict[str, dict[str, list[np.ndarray]]]]  # policy -> quantity -> scene -> one a start, percent
+Curves = dict[
+    str, dict[str, dict[str, list[np.ndarray]]]
+]  # policy -> quantity -> scene -> curve of each start, percent
 
 
-def walk_all(policies: list[str], scenes: list[str], starts: int, steps: int, cells: Path, workers: int) -> Curves:
-    """Every policy in every scene, in processes of one thread each."""
+def run_all(policies: list[str], scenes: list[str], starts: int, steps: int, cells: Path, workers: int) -> Curves:
+    """Evaluate every policy in every scene, in processes of one thread each."""
     curves: Curves = {p: {q: {s: [] for s in scenes} for q in QUANTITIES.values()} for p in policies}
     jobs = [
         (policy, scene, start, steps, str(cells)) for scene in scenes for policy in policies for start in range(starts)
     ]
     with ProcessPoolExecutor(workers, get_context("spawn"), set_threads, (1,)) as pool:
-        for job, cell in zip(jobs, pool.map(walk, *zip(*jobs, strict=True)), strict=True):
+        for job, cell in zip(jobs, pool.map(run_one, *zip(*jobs, strict=True)), strict=True):
             for quantity, curve in cell["curves"].items():
                 curves[job[0]][quantity][job[1]].append(np.array(curve))
     return curves
 
 
-def walk(policy: str, scene: str, start: int, steps: int, cells: str) -> dict[str, Any]:
-    """One walk and its curves, at every fifth step; what was walked before is read."""
+def run_one(policy: str, scene: str, start: int, steps: int, cells: str) -> dict[str, Any]:
+    """Run one episode and compute its curves at every fifth step, or read the saved result."""
     path = Path(cells) / policy.replace(" ", "-").replace("/", "-") / f"{scene}-{start}-{steps}.json"
-    identity = {"policy": policy, "scene": scene, "start": start, "steps": steps, "weights": hash_of(policy)}
-    if path.exists() and (kept := read_json(path))["identity"] == identity:
-        return kept
-    sim, visible = everything(scene, cells)
-    walks = Omniscient(OMNISCIENT[policy], visible) if policy in OMNISCIENT else make(policy)
-    made = explore(sim, walks, steps, start, progress=False)
+    fingerprint = {"policy": policy, "scene": scene, "start": start, "steps": steps, "weights": hash_of(policy)}
+    if path.exists() and (saved := read_json(path))["identity"] == fingerprint:
+        return saved
+    sim, visible = scene_with_visible_map(scene, cells)
+    chosen = OraclePolicy(OMNISCIENT[policy], visible) if policy in OMNISCIENT else make(policy)
+    trajectory = explore(sim, chosen, steps, start, progress=False)
     shares = {
-        name: curve[STRIDE - 1 :: STRIDE].round(3).tolist() for name, curve in coverage(sim, made, visible).items()
+        name: curve[STRIDE - 1 :: STRIDE].round(3).tolist()
+        for name, curve in coverage(sim, trajectory, visible).items()
     }
-    cell = {"identity": identity, "curves": shares, "collisions": int(sum(made.meta["collided"]))}
+    cell = {"identity": fingerprint, "curves": shares, "collisions": int(sum(trajectory.meta["collided"]))}
     write_json(path, cell)
     print(
         f"{scene} {start} {policy:<24}" + "".join(f"{area_under(np.array(c)):7.1f}" for c in shares.values()),
@@ -131,14 +137,14 @@ def walk(policy: str, scene: str, start: int, steps: int, cells: str) -> dict[st
 
 
 @cache
-def everything(scene: str, cells: str) -> tuple[Simulator, MapState]:
-    """The simulator of a scene and all that is visible in it; the camera is the same for every policy."""
+def scene_with_visible_map(scene: str, cells: str) -> tuple[Simulator, MapState]:
+    """Return the simulator of a scene and the map of everything visible in it."""
     sim = Simulator(load_scene(scene), Intrinsics.from_fov(SENSOR, SENSOR), supersample=1)
-    return sim, kept_visible_map(sim, preset("fast").visible_poses, Path(cells) / "scenes")
+    return sim, cached_visible_map(sim, preset("fast").visible_poses, Path(cells) / "scenes")
 
 
 def make(policy: str) -> Policy:
-    """By its name or the path of its weights; with ``untrained`` before it, its network as it was before training."""
+    """Make a policy by name or path; the prefix ``untrained`` gives its network before training."""
     torch.manual_seed(0)
     if policy.startswith(UNTRAINED):
         return load_policy(weights_path(policy.removeprefix(UNTRAINED)), trained=False)
@@ -146,18 +152,18 @@ def make(policy: str) -> Policy:
 
 
 def hash_of(policy: str) -> str | None:
-    """Of the weights that a policy walks with, the first digits."""
+    """Return the first digits of the hash of a policy's weights."""
     digest = weights_sha256(policy.removeprefix(UNTRAINED))
     return digest and digest[:16]
 
 
 def areas_of(by_scene: dict[str, list[np.ndarray]]) -> Runs:
-    """The area under each curve."""
+    """Compute the area under each curve."""
     return {scene: [area_under(curve) for curve in curves] for scene, curves in by_scene.items()}
 
 
 def print_curves(curves: Curves, steps: int) -> None:
-    """A row a policy and a quantity."""
+    """Print a row per policy and quantity."""
     print(f"\n{'policy':<24}{'quantity':<12}{'10 %':>7}{'25 %':>7}{'50 %':>7}{'100 %':>7}   area under the curve")
     marks = [round(share * steps / STRIDE) - 1 for share in (0.1, 0.25, 0.5, 1)]
     for policy, by_quantity in curves.items():
@@ -168,62 +174,64 @@ def print_curves(curves: Curves, steps: int) -> None:
 
 
 def print_differences(curves: Curves) -> None:
-    """Of each learned policy to those that it has to beat."""
+    """Print the difference of each learned policy to its baselines."""
     for policy, by_quantity in curves.items():
         kind, _, reward = policy.partition("-")
         if kind not in ("modular", "e2e"):
             continue
         quantity = TRAINED_FOR.get(reward, "area")
-        rivals = ["frontier", "random-waypoints"] if kind == "modular" else ["random"]
-        for rival in (*rivals, UNTRAINED + policy):
-            if rival in curves:
-                found = difference(areas_of(by_quantity[quantity]), areas_of(curves[rival][quantity]))
-                verdict = ("better" if found.mean > 0 else "worse") if found.clear else "not told apart"
-                print(f"{policy:<14} - {rival:<24} area under {quantity:<11} {found!s:<14} {verdict}")
+        baselines = ["frontier", "random-waypoints"] if kind == "modular" else ["random"]
+        for baseline in (*baselines, UNTRAINED + policy):
+            if baseline in curves:
+                found = difference(areas_of(by_quantity[quantity]), areas_of(curves[baseline][quantity]))
+                verdict = ("better" if found.mean > 0 else "worse") if found.excludes_zero else "not significant"
+                print(f"{policy:<14} - {baseline:<24} area under {quantity:<11} {found!s:<14} {verdict}")
 
 
 def draw(curves: Curves, path: str, title: str) -> None:
-    """One panel a quantity, a line a policy, the band from the worst to the best scene."""
+    """Draw one panel per quantity and one line per policy, with a band from the worst to the best scene."""
     fig, axes = plt.subplots(1, len(QUANTITIES), figsize=(14, 4), sharey=True, layout="constrained")
     shown = [policy for policy in curves if not policy.startswith(UNTRAINED) and policy not in OMNISCIENT]
-    colours = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
+    colors = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
     for ax, quantity in zip(axes, QUANTITIES.values(), strict=True):
-        for policy, colour in zip(shown, colours, strict=False):
+        for policy, color in zip(shown, colors, strict=False):
             rows = np.array([np.mean(rows, axis=0) for rows in curves[policy][quantity].values()])
             steps = (np.arange(rows.shape[1]) + 1) * STRIDE
-            ax.plot(steps, rows.mean(axis=0), label=policy, color=colour)
-            ax.fill_between(steps, rows.min(0), rows.max(0), color=colour, alpha=0.1, linewidth=0)
+            ax.plot(steps, rows.mean(axis=0), label=policy, color=color)
+            ax.fill_between(steps, rows.min(0), rows.max(0), color=color, alpha=0.1, linewidth=0)
         ax.set(title=quantity, xlabel="step", xlim=(0, steps[-1]), ylim=(0, 100))
         ax.grid(alpha=0.3)
-    axes[0].set_ylabel("share of what is visible [%]")
+    axes[0].set_ylabel("coverage [% of the visible quantity]")
     fig.legend(*axes[0].get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=6)
     fig.suptitle(title)
     fig.savefig(path, dpi=110)
 
 
 def speed(quick: bool) -> dict[str, float]:
-    """An episode, and training on one and two workers."""
+    """Measure the duration of an episode, and training with one and two workers."""
     figures = {"episode_s": in_fresh_process(1, episode_seconds, 200 if quick else 1500)}
-    print(f"\nan episode of 1500 steps, 128 x 128, supersampled, mapped: {figures['episode_s']:.1f} s")
+    print(f"\nepisode of 1500 steps, 128 x 128, supersampled, with map: {figures['episode_s']:.1f} s")
     for kind, policy in (("modular", "modular-obs"), ("e2e", "e2e-cov")):
         for workers in (1, 2):
             rate = in_fresh_process(workers, steps_per_second, policy, workers, 1 if quick else 4)
-            print(f"training {policy}, {workers} worker{'s' * (workers > 1)}: {rate:.0f} steps/s, learning included")
+            print(
+                f"training {policy}, {workers} worker{'s' * (workers > 1)}: {rate:.0f} robot steps/s, updates included"
+            )
             figures[f"{kind}_steps_per_s"] = rate
     return figures
 
 
 def episode_seconds(steps: int) -> float:
-    """Of an episode of 1500 steps, from as many as are walked."""
+    """Measure the duration of an episode and scale it to 1500 steps."""
     sim = Simulator(load_scene("dev-0"))
-    explore(sim, "frontier", steps=40, progress=False)  # compiled kernels and the texture are not what is measured
+    explore(sim, "frontier", steps=40, progress=False)  # excludes compilation and texture baking
     started = time.perf_counter()
     explore(sim, "frontier", steps=steps, progress=False)
     return (time.perf_counter() - started) * 1500 / steps
 
 
 def steps_per_second(policy: str, workers: int, rollouts: int) -> float:
-    """Of a training: what more rollouts cost, so that its beginning does not count."""
+    """Measure robot steps per second of additional rollouts, which excludes the start of a training."""
     from autonerf_lab.training.settings import settings_of
     from autonerf_lab.training.train import train_policy
 
@@ -231,7 +239,7 @@ def steps_per_second(policy: str, workers: int, rollouts: int) -> float:
     decisions = settings.rollout * settings.environments
     seconds, frames = [], []
     for count in (1, 1 + rollouts):
-        longer = replace(settings, frames=count * decisions * make_view(settings.network).follow)
+        longer = replace(settings, frames=count * decisions * make_interface(settings.network).follow)
         with tempfile.TemporaryDirectory() as folder:
             started = time.perf_counter()
             weights = train_policy(policy, folder, longer, workers=workers, progress=False)

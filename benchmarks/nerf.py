@@ -1,20 +1,21 @@
-"""How fast and how well Semantic Nerfacto learns on two cores, beside the same in plain torch and beside the limit.
+"""Speed and quality of Semantic Nerfacto on two cores, compared with plain torch and with the arithmetic limit.
 
-    python benchmarks/nerf.py                                       # every development scene: about an hour
+    python benchmarks/nerf.py                                       # all development scenes: about an hour
     python benchmarks/nerf.py --scenes dev-0 --seconds 5 --no-fast  # a minute or two
     python benchmarks/nerf.py --quick                               # the same, with fewer views
-    python benchmarks/nerf.py --growth                              # seconds to 27 dB, over area and over views
+    python benchmarks/nerf.py --growth                              # seconds to 27 dB, by area and by views
 
-A step: the fused kernels, and the same model by vectorised torch on the same samples and threads, measured by turns;
-required is a tenth of torch's time. The limit: the operations of the architecture (benchmarks/common/operations.py has
-the formulas) at the rate of a large matrix product in the same run; required is three times that.
+Training step: the fused kernels, and the same model in vectorised torch on the same samples and threads, measured in
+turns; the kernels must take at most a tenth of torch's time. Limit: the operations of the architecture (formulas in
+benchmarks/common/operations.py) at the rate of a large matrix product in the same run; the step must take at most three
+times that.
 
-Quality: views taken uniformly over the scene, no depth; the fit of the preset, with its fixed number of steps, and one
-fit for each of ``--seconds``, whose steps are chosen by the step measured before: learning rates follow a schedule, so
-that a fit cut short is not a short fit. Seconds are those of training; the clock stands still while a field is judged.
-Beside them the nearest training view, as a baseline. Each fit has a process of its own.
+Quality: views are uniform over the scene, without depth. There is one fit with the number of steps of the preset, and
+one fit for each of ``--seconds``, with the number of steps that takes so long: a fit that is cut short would not
+complete its learning-rate schedule. Seconds count the training without the evaluations. The baseline shows the nearest
+training view. Each fit runs in its own process.
 
-Prints tables and, as the last line, one JSON object; ``--out`` gets it too, with a CSV and a figure.
+Prints tables and, as the last line, one JSON object, which is also written to ``--out`` with a CSV and a figure.
 """
 
 import argparse
@@ -38,8 +39,8 @@ from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
 from autonerf_lab.nerf.settings import ProposalSettings
 from autonerf_lab.scenes import scene_names
 
-MARKS = (5, 10, 20, 40, 60, 120, 300)  # seconds of training at which a field is judged
-SIDE = 2048  # of the matrices whose product says how fast this machine multiplies
+MARKS = (5, 10, 20, 40, 60, 120, 300)  # seconds of training at which a field is evaluated
+SIDE = 2048  # size of the matrices whose product measures the arithmetic rate of the machine
 PANELS = {
     "psnr": "PSNR [dB]",
     "per_class_accuracy": "per-class accuracy [%]",
@@ -48,17 +49,17 @@ PANELS = {
 
 
 def measure_step(folder: Path, settings: ProposalSettings, rounds: int, warm_up: int) -> dict[str, float]:
-    """Milliseconds of a step by kernels and by torch, from the same point of the training, and the limit."""
+    """Return the milliseconds of a step by kernels and by torch, from the same training state, and the limit."""
     pixels = pixels_of(read_views(folder)[0])
     kernels, reference = Trainer(pixels, settings), Trainer(pixels, settings, device="cpu")
     for _ in range(warm_up):
         kernels.step()
-    reference.take_over(kernels)
-    everywhere = Trainer(pixels, replace(settings, min_weight=0.0))
-    everywhere.take_over(kernels)
+    reference.copy_state(kernels)
+    all_samples = Trainer(pixels, replace(settings, min_weight=0.0))
+    all_samples.copy_state(kernels)
     active = kernels.active_share()
-    # the random numbers are the same, so that the first losses have to be, up to the samples that kernels leave out
-    first = {name: t.step()["mse"] for name, t in (("all", everywhere), ("torch", reference))}
+    # The random numbers are equal, so the first losses must be equal, up to samples that the kernels skip.
+    first = {name: t.step()["mse"] for name, t in (("all", all_samples), ("torch", reference))}
     a, b = torch.randn(SIDE, SIDE), torch.randn(SIDE, SIDE)
     product = torch.empty(SIDE, SIDE)
     products: list[float] = []
@@ -68,10 +69,10 @@ def measure_step(folder: Path, settings: ProposalSettings, rounds: int, warm_up:
         torch.mm(a, b, out=product)
         products.append(1000 * (time.perf_counter() - started))
 
-    steps = {"kernels": kernels.step, "all": everywhere.step, "torch": reference.step, "multiply": multiply}
+    steps = {"kernels": kernels.step, "all": all_samples.step, "torch": reference.step, "multiply": multiply}
     repeats = {"kernels": 10, "all": 5, "torch": 1, "multiply": 4}
     times = interleaved({name: (step, repeats[name]) for name, step in steps.items()}, rounds)
-    rate = 2 * SIDE**3 / min(products)  # operations a millisecond
+    rate = 2 * SIDE**3 / min(products)  # operations per millisecond
     return {
         "step_ms": times["kernels"],
         "all_samples_step_ms": times["all"],
@@ -85,7 +86,7 @@ def measure_step(folder: Path, settings: ProposalSettings, rounds: int, warm_up:
 
 
 def print_step(found: dict[str, float], settings: ProposalSettings, threads: int) -> None:
-    """The measured step beside its reference and its limit."""
+    """Print the measured step with its reference and its limit."""
     step = found["step_ms"]
     print(f"A training step, {threads} threads: {settings.rays} rays x {settings.samples} samples")
     print(f"  kernels                       {step:>9.1f} ms")
@@ -98,14 +99,14 @@ def print_step(found: dict[str, float], settings: ProposalSettings, threads: int
     ratio = step / found["limit_step_ms"]
     print(f"  limit {found['limit_step_ms']:.1f} ms, the step takes {ratio:.1f} times that (required: at most 3)")
     print(
-        f"  {100 * found['active_share']:.0f} % of the samples have weight; the kernels spare the others the heads and "
-        f"the way back, so that their own limit is {found['active_limit_step_ms']:.1f} ms",
+        f"  {100 * found['active_share']:.0f} % of the samples are active; the kernels skip the heads and the backward "
+        f"pass of the others, so that their own limit is {found['active_limit_step_ms']:.1f} ms",
         flush=True,
     )
 
 
 def learn_scene(folder: Path, fits: dict[str, int], step_ms: float, threads: int) -> dict[str, dict]:
-    """Every fit of one scene by name; the last mark comes well before the end, which is judged anyway."""
+    """Run all fits of one scene, and return the results by name; marks near the end are dropped."""
     found = {}
     for name, steps in fits.items():
         marks = tuple(mark for mark in MARKS if mark < 0.9 * steps * step_ms / 1000)
@@ -120,8 +121,8 @@ def learn_scene(folder: Path, fits: dict[str, int], step_ms: float, threads: int
     return found
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Quality over seconds of training, a line a fit: mean over scenes, the band from the worst to the best."""
+def plot(rows: list[dict[str, Any]], path: Path) -> None:
+    """Plot quality over seconds of training, one line per fit: mean over scenes, band from worst to best scene."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -161,7 +162,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 def quality(
     options: argparse.Namespace, step: dict[str, float], views: dict[str, Path], nearest: dict[str, dict]
 ) -> dict:
-    """Fit every scene; write ``nerf.csv`` and ``nerf.png``; returns the figures of the JSON."""
+    """Fit every scene, write ``nerf.csv`` and ``nerf.png``, and return the values of the JSON."""
     fits = {} if options.no_fast else {"fast": SETTINGS["fast"].steps}
     fits |= {f"{seconds:g} s": round(1000 * seconds / step["step_ms"]) for seconds in options.seconds}
     rows: list[dict[str, Any]] = []
@@ -169,14 +170,14 @@ def quality(
     for scene, folder in views.items():
         print(f"{scene}, nearest view {nearest[scene]['psnr']:.2f} dB")
         scores = {key: value for key, value in nearest[scene].items() if key not in ("area_m2", "lpips")}
-        scores["depth_median_error_m"] = None  # the training views are kept without depth
+        scores["depth_median_error_m"] = None  # the training views have no depth
         rows.append({"scene": scene, "fit": "nearest view", "mark_s": None, "seconds": None, "step": None} | scores)
         for name, result in learn_scene(folder, fits, step["step_ms"], options.threads).items():
             processes.append(result)
-            judged = [{key: value for key, value in row.items() if key != "lpips"} for row in result["rows"]]
-            rows += [{"scene": scene, "fit": name} | row for row in judged]
+            scored = [{key: value for key, value in row.items() if key != "lpips"} for row in result["rows"]]
+            rows += [{"scene": scene, "fit": name} | row for row in scored]
     write_csv(options.out / "nerf.csv", rows)
-    draw(rows, options.out / "nerf.png")
+    plot(rows, options.out / "nerf.png")
     ends = [row for row in rows if row["mark_s"] is None]
     minute = [row for row in ends if row["fit"] == "60 s"]
     return {
@@ -191,17 +192,18 @@ def quality(
 
 
 def arguments() -> argparse.Namespace:
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", default=scene_names("dev"))
-    parser.add_argument("--seconds", nargs="*", type=float, default=[60, 300], help="a fit for each")
-    parser.add_argument("--no-fast", action="store_true", help="without the fit of the preset's own number of steps")
-    parser.add_argument("--views", type=int, default=600, help="to train on, a scene")
-    parser.add_argument("--test-views", type=int, default=60)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--growth", action="store_true", help="seconds to 27 dB, instead of the fits")
-    parser.add_argument("--growth-seconds", type=float, default=180, help="the schedule of each fit of --growth")
-    parser.add_argument("--out", type=Path, default=Path("runs/bench-nerf"), help="folder of JSON, CSV and figure")
-    parser.add_argument("--quick", action="store_true", help="one scene, few views, five seconds: to see that it runs")
+    parser.add_argument("--scenes", nargs="+", default=scene_names("dev"), help="Names of scenes.")
+    parser.add_argument("--seconds", nargs="*", type=float, default=[60, 300], help="Durations of fits, seconds.")
+    parser.add_argument("--no-fast", action="store_true", help="Skip the fit of the preset.")
+    parser.add_argument("--views", type=int, default=600, help="Training views per scene.")
+    parser.add_argument("--test-views", type=int, default=60, help="Test views per scene.")
+    parser.add_argument("--threads", type=int, default=2, help="Number of threads.")
+    parser.add_argument("--growth", action="store_true", help="Measure the seconds to 27 dB instead.")
+    parser.add_argument("--growth-seconds", type=float, default=180, help="Schedule of --growth, seconds.")
+    parser.add_argument("--out", type=Path, default=Path("runs/bench-nerf"), help="Output folder.")
+    parser.add_argument("--quick", action="store_true", help="One scene, few views, five seconds.")
     options = parser.parse_args()
     if options.quick:
         options.scenes, options.seconds, options.no_fast = options.scenes[:1], [5], True
@@ -210,6 +212,7 @@ def arguments() -> argparse.Namespace:
 
 
 def main() -> None:
+    """Measure, print and write the results."""
     options = arguments()
     options.out.mkdir(parents=True, exist_ok=True)
     settings = SETTINGS["fast"]
@@ -222,14 +225,14 @@ def main() -> None:
         }
         step = in_fresh_process(options.threads, measure_step, views[options.scenes[0]], settings, rounds, warm_up)
         print_step(step, settings, options.threads)
-        figures: dict[str, Any] = {key: step[key] for key in ("step_ms", "reference_step_ms", "limit_step_ms")}
-        figures |= (
+        values: dict[str, Any] = {key: step[key] for key in ("step_ms", "reference_step_ms", "limit_step_ms")}
+        values |= (
             growth(options, step["step_ms"], Path(folder)) if options.growth else quality(options, step, views, nearest)
         )
-    figures = {key: round(value, 3) if isinstance(value, float) else value for key, value in figures.items()}
-    (options.out / ("growth.json" if options.growth else "nerf.json")).write_text(json.dumps(figures, indent=2) + "\n")
-    print(f"{options.out}/ has the figure and the numbers")
-    print(json.dumps(figures))
+    values = {key: round(value, 3) if isinstance(value, float) else value for key, value in values.items()}
+    (options.out / ("growth.json" if options.growth else "nerf.json")).write_text(json.dumps(values, indent=2) + "\n")
+    print(f"figure and tables: {options.out}/")
+    print(json.dumps(values))
 
 
 if __name__ == "__main__":

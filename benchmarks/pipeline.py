@@ -1,10 +1,10 @@
-"""How long the main job takes and how much memory it needs, as a user starts it: in a process of its own.
+"""Time and memory of ``autonerf-lab demo`` in a process of its own.
 
     python benchmarks/pipeline.py            # the fast preset: minutes
     python benchmarks/pipeline.py --quick    # the smoke preset
 
-Prints a table of the stages and, as its last line, one JSON object. Kernels are compiled by a smoke run first, which is
-not counted: installation, not the job, pays for them once.
+Prints a table of the stages and, as its last line, one JSON object. A run with the preset smoke compiles the kernels
+first and is not measured.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from pathlib import Path
 
 
 def demo(preset: str, scene: str, out: Path) -> float:
-    """Run the demo and return its wall-clock seconds."""
+    """Run the demo and return its wall-clock time, s."""
     command = [
         sys.executable,
         "-m",
@@ -36,9 +36,9 @@ def demo(preset: str, scene: str, out: Path) -> float:
 
 
 def main() -> None:
-    """Measure, print."""
+    """Run the benchmark and print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="the smoke preset only")
+    parser.add_argument("--quick", action="store_true", help="use the preset smoke")
     parser.add_argument("--scene", default="val-0")
     arguments = parser.parse_args()
     preset = "smoke" if arguments.quick else "fast"
@@ -47,7 +47,7 @@ def main() -> None:
         seconds = demo(preset, arguments.scene, Path(folder) / "run")
         run = json.loads((Path(folder) / "run" / "run.json").read_text())
         scores = json.loads((Path(folder) / "run" / "scores.json").read_text())["scores"]
-    print(f"{arguments.scene}, {preset}; the smoke run before it took {first:.1f} s, compiling included")
+    print(f"{arguments.scene}, {preset}; the previous smoke run took {first:.1f} s, including compilation")
     print(f"{'stage':<10}{'seconds':>9}{'peak GB':>9}")
     for stage, row in run["stages"].items():
         print(f"{stage:<10}{row['seconds']:9.1f}{row['peak_gb']:9.2f}")

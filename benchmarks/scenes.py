@@ -1,4 +1,4 @@
-"""Generate many apartments and count those that break an invariant: ``python benchmarks/scenes.py [--quick]``."""
+"""Generate many apartments and count violated invariants: ``python benchmarks/scenes.py [--quick]``."""
 
 import argparse
 import json
@@ -11,13 +11,14 @@ from autonerf_lab.scenes.inspection import problems
 
 
 def main() -> None:
+    """Run the benchmark and print a table, then one JSON object as the last line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="25 seeds instead of 1000")
-    parser.add_argument("--seeds", type=int, default=None, help="number of seeds")
-    parser.add_argument("--first", type=int, default=100_000, help="the first seed")
+    parser.add_argument("--quick", action="store_true", help="Use 25 seeds instead of 1000.")
+    parser.add_argument("--seeds", type=int, default=None, help="Number of random seeds.")
+    parser.add_argument("--first", type=int, default=100_000, help="First random seed.")
     options = parser.parse_args()
     count = options.seeds or (25 if options.quick else 1000)
-    generate_apartment(0).texture  # noqa: B018  compile the kernels before the clock starts
+    generate_apartment(0).texture  # noqa: B018  compile the kernels before the measurement
     failures, made, baked, triangles, areas = 0, [], [], [], []
     for seed in range(options.first, options.first + count):
         start = time.perf_counter()

@@ -1,7 +1,7 @@
-"""How many frames a second the simulator makes, on one core, beside pyrender and beside casting the same rays.
+"""Frames per second of the simulator on one core, compared with pyrender and with ray casting of the same rays.
 
-Prints a table, and as its last line one JSON object. ``--plot FILE`` draws how it grows with the triangles; ``--quick``
-for a look.
+Prints a table and, as its last line, one JSON object. ``--plot FILE`` plots the frame rate over the number of
+triangles; ``--quick`` runs a short version.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from autonerf_lab.simulator import Simulator
 
 
 def frames_per_second(render: Callable[[np.ndarray], object], poses: list[np.ndarray], repeats: int = 3) -> float:
-    """The best of ``repeats`` passes over the poses: the others were disturbed."""
+    """Return the frame rate of the fastest of ``repeats`` passes over the poses."""
     render(poses[0])
     best = float("inf")
     for _ in range(repeats):
@@ -30,7 +30,7 @@ def frames_per_second(render: Callable[[np.ndarray], object], poses: list[np.nda
 
 
 def subdivided(scene: Scene, triangles: int) -> Scene:
-    """The same surfaces in about that many triangles: each is cut into four, again and again."""
+    """Return the scene with each triangle split into four until it has about ``triangles`` triangles."""
     while 2 * len(scene.faces) < triangles:
         corners, uv = scene.vertices[scene.faces], scene.uv
         scene = Scene(
@@ -53,7 +53,7 @@ def _quarters(corners: np.ndarray) -> np.ndarray:
 
 
 def pyrender_speed(scene: Scene, camera: Intrinsics, poses: list[np.ndarray]) -> float | None:
-    """Frames a second of colour and depth, one sample a pixel; None where OpenGL is missing."""
+    """Return pyrender's frame rate for colour and depth, one sample per pixel; None without OpenGL."""
     try:
         from autonerf_lab.simulator.opengl import GLRenderer
 
@@ -65,7 +65,7 @@ def pyrender_speed(scene: Scene, camera: Intrinsics, poses: list[np.ndarray]) ->
 
 
 def cast_speed(sim: Simulator, poses: list[np.ndarray]) -> float:
-    """Images of first hits a second by embree, without making colours of them."""
+    """Return the frame rate of first hits by ray casting (embree), without colours."""
 
     def cast(pose: np.ndarray) -> None:
         rays_o, rays_d = camera_rays(sim.intrinsics, pose)
@@ -75,7 +75,7 @@ def cast_speed(sim: Simulator, poses: list[np.ndarray]) -> float:
 
 
 def draw(growth: np.ndarray, path: str) -> None:
-    """Frames a second over triangles."""
+    """Plot the frame rate over the number of triangles."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -83,19 +83,20 @@ def draw(growth: np.ndarray, path: str) -> None:
 
     fig, ax = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
     for k, label in enumerate(
-        ("colour, depth, classes", "the same, 2x2 supersampled", "embree, first hits only"), start=1
+        ("colour, depth, classes", "colour, depth, classes, 2x2 supersampled", "embree, first hits only"), start=1
     ):
         ax.loglog(growth[:, 0], growth[:, k], "o-", label=label)
-    ax.set(xlabel="triangles", ylabel="frames a second, 128x128, one core")
+    ax.set(xlabel="number of triangles", ylabel="frames per second (128x128, one core)")
     ax.grid(alpha=0.3, which="both")
     ax.legend(frameon=False)
     fig.savefig(path, dpi=110)
 
 
 def main() -> None:
+    """Run the benchmark and print a table, then one JSON object as the last line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="fewer frames, no large meshes")
-    parser.add_argument("--plot", default=None, help="where to write the figure")
+    parser.add_argument("--quick", action="store_true", help="Render fewer frames and no large meshes.")
+    parser.add_argument("--plot", default=None, help="Image file to write the plot to.")
     options = parser.parse_args()
     quick = options.quick
     scene = load_scene("dev-0")
@@ -114,7 +115,7 @@ def main() -> None:
     }
     growth = []
     for name, size in () if quick else (("10k", 0), ("100k", 100_000), ("1m", 1_000_000)):
-        # the smallest frozen scenes have about ten thousand triangles as they are
+        # the smallest frozen scenes have about 10,000 triangles
         large = subdivided(scene, size) if size else load_scene("train-04")
         some = poses[:50] if size else [Simulator(large).sample_pose(rng) for _ in range(50)]
         rows = [len(large.faces)]
@@ -129,7 +130,7 @@ def main() -> None:
         draw(np.array(growth), options.plot)
     if figures["pyrender_fps"]:
         figures["ratio_to_pyrender"] = float(figures["rgbd_fps"] or 0) / figures["pyrender_fps"]
-    print(f"{'128x128 unless named otherwise, one core':<42}{'value':>10}")
+    print(f"{'one core, 128x128 unless stated otherwise':<42}{'value':>10}")
     for name, value in figures.items():
         print(f"{name:<42}{'missing' if value is None else f'{value:.1f}':>10}")
     print(json.dumps({k: v if v is None else round(v, 2) for k, v in figures.items()}))

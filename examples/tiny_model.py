@@ -1,26 +1,26 @@
-"""A model of your own, in one file: what is at a point is kept in dense grids of voxels, with no network at all.
+"""Custom model in one file: dense voxel grids of density, colour and class logits, without a network.
 
-A model is a *field*, which knows what is at a point, and a *sampler*, which knows where on a ray to ask. Here the field
-is new, and the sampler is that of Semantic Nerfacto. Between the corners of its voxels the field interpolates a
-density, a colour and the logits of the classes, and adds up what a coarse and a fine grid say: the coarse one carries
-what was learned to where no ray has passed. The density begins low, as in DVGO (Sun et al. 2022). Plenoxels
-(Fridovich-Keil et al. 2022) have one grid with a smoothness loss, are sparse, and let colours depend on the direction
-by spherical harmonics: good exercises, all three.
+A model is a *field*, which predicts density, colour and class at points, and a *sampler*, which places points on rays.
+Here the field is new, and the sampler is that of Semantic Nerfacto. The field interpolates values between the corners
+of its voxels and adds a coarse and a fine grid; the coarse grid also covers voxels that no ray has passed.
+The initial density is low, as in DVGO (Sun et al. 2022). Plenoxels (Fridovich-Keil et al. 2022) use one sparse grid
+with a smoothness loss and view-dependent colours by spherical harmonics: three good exercises. For a loss of your own,
+override ``VoxelGrids.loss``.
 
-In a notebook, with this file beside it::
+In a notebook in the same folder::
 
     from tiny_model import SPEC
     nerf = lab.fit(trajectory, SPEC, preset="smoke")
 
-From a package of yours, which makes ``dense-grid`` a name for every command and every notebook::
+In your own package, which makes ``dense-grid`` a name in all commands and notebooks::
 
     [project.entry-points."autonerf_lab.models"]
     dense-grid = "tiny_model:SPEC"
 
-See it: python examples/tiny_model.py --scene train-00 --steps 200 --preset smoke --out dense-grid.png
+Run it: python examples/tiny_model.py --scene train-00 --steps 200 --preset smoke --out dense-grid.png
 
-That is 22.7 dB in the frames of the walk that were held out, and 25.2 dB with --preset fast: things are blurred where
-they are smaller than a voxel.
+This gives 22.7 dB in the held-out frames of the trajectory, and 25.2 dB with --preset fast. Objects smaller than a
+voxel are blurred.
 """
 
 import argparse
@@ -39,18 +39,18 @@ from autonerf_lab.nerf.samplers.proposal import ProposalSampler
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import ProposalSettings
 
-THIN_AIR = -3.0  # added to the log density: it begins so thin that cameras do not paint fog in front of themselves
+INITIAL_LOG_DENSITY = -3.0  # added to the log density: low enough that no colours form in front of the cameras
 
 
 @dataclass(frozen=True)
 class GridSettings(ProposalSettings):
-    """What the sampler needs is inherited (with sizes of a hash table and its networks, which this field has not)."""
+    """Settings of the field; those of the sampler are inherited, with unused sizes of a hash table and networks."""
 
-    voxels: tuple[float, ...] = (1.00, 0.20)  # sides of the voxels of each grid, metres
+    voxels: tuple[float, ...] = (1.00, 0.20)  # side of the voxels of each grid, metres
     samples: int = 24
     table_rate: float = 10.0
     semantic_weight: float = 0.1
-    view_dependent: bool = False  # there is no place for directions here
+    view_dependent: bool = False  # the field does not use directions
 
 
 SETTINGS = {
@@ -61,14 +61,13 @@ SETTINGS = {
 
 
 class VoxelGrids(TorchField):
-    """Values at the corners of cubic voxels, trilinear in between.
+    """Values at the corners of cubic voxels, interpolated trilinearly.
 
-    The base class renders, trains by autograd and answers queries: a field of your own is its parameters and
-    ``forward``.
+    The base class renders, trains by autograd and answers queries; a subclass defines parameters and ``forward``.
 
     Args:
         settings: size of the voxels, loss weights.
-        box: where the scene is; the grids cover its cube, in which the rest of the world is squeezed into a shell.
+        box: region of full resolution; the grids cover its cube, with the rest of the world in the outer shell.
         classes: number of classes, 0 for a field without semantics.
         device: a torch device.
     """
@@ -77,7 +76,7 @@ class VoxelGrids(TorchField):
         self.box = box
         self.cells = [np.ceil(box.size / side).astype(np.int64) for side in settings.voxels]  # (3,) along each axis
         values = 1 + 3 + classes  # at each corner: log density, colour, logits
-        # names that end in "table" learn ``table_rate`` times faster: few rays pass a voxel
+        # Parameters whose names end in "table" have ``table_rate`` times the learning rate: few rays pass a voxel.
         tables = {
             f"grid_{k}_table": np.zeros((np.prod(cells + 1), values), np.float32) for k, cells in enumerate(self.cells)
         }
@@ -86,15 +85,15 @@ class VoxelGrids(TorchField):
     def forward(
         self, points: torch.Tensor, directions: torch.Tensor, frames: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Points (R, S, 3), directions (R, 3) -> raw density (R, S), colour (R, S, 3), logits (R, S, C)."""
+        """Return raw density (R, S), colour (R, S, 3) and logits (R, S, C) at points (R, S, 3)."""
         x = self.box.contract_tensor(points).flatten(0, 1)
         found = [interpolate(x, self.parameters[f"grid_{k}_table"], cells) for k, cells in enumerate(self.cells)]
         values = torch.stack(found).sum(dim=0).unflatten(0, points.shape[:2])
-        return values[..., 0] + THIN_AIR, torch.sigmoid(values[..., 1:4]), values[..., 4:]
+        return values[..., 0] + INITIAL_LOG_DENSITY, torch.sigmoid(values[..., 1:4]), values[..., 4:]
 
 
 def interpolate(x: torch.Tensor, table: torch.Tensor, cells: np.ndarray) -> torch.Tensor:
-    """Trilinear interpolation.
+    """Interpolate values trilinearly.
 
     Args:
         x: (N, 3) points in the unit cube.
@@ -118,7 +117,7 @@ def interpolate(x: torch.Tensor, table: torch.Tensor, cells: np.ndarray) -> torc
 def build(
     settings: GridSettings, box: SceneBox, frames: int, classes: int, rng: np.random.Generator, device: str | None
 ) -> Model:
-    """The field in torch; the sampler is a numba kernel. What passes between them is numpy, so any two fit together."""
+    """Combine the torch field with the numba sampler; both exchange numpy arrays, so any two can be combined."""
     return Model(
         settings, box, VoxelGrids(settings, box, classes, device or "cpu"), ProposalSampler(settings, box, rng), frames
     )
@@ -128,25 +127,31 @@ SPEC = ModelSpec(SETTINGS, build, "dense-grid")
 
 
 def main() -> None:
-    """Explore, train on seven frames of eight, and put four of the others beside what the field shows there."""
+    """Explore, train on seven of eight frames, and show four of the held-out frames beside their renderings."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", default="train-00")
-    parser.add_argument("--steps", type=int, default=200, help="of the walk")
-    parser.add_argument("--preset", default="smoke", choices=SETTINGS)
-    parser.add_argument("--out", default="dense-grid.png")
+    parser.add_argument("--scene", default="train-00", help="Name of a scene.")
+    parser.add_argument("--steps", type=int, default=200, help="Steps of the episode.")
+    parser.add_argument("--preset", default="smoke", choices=SETTINGS, help="Preset of the model.")
+    parser.add_argument("--out", default="dense-grid.png", help="Output image.")
     arguments = parser.parse_args()
     sim = lab.Simulator(lab.load_scene(arguments.scene), Intrinsics.from_fov(96, 96))
-    walk = lab.explore(sim, "frontier", steps=arguments.steps, seed=0)
-    kept, held_out = np.arange(len(walk)) % 8 != 4, np.arange(4, len(walk), 8)
-    train = replace(walk, poses=walk.poses[kept], rgb=walk.rgb[kept], semantics=walk.semantics[kept], depth=None)
+    trajectory = lab.explore(sim, "frontier", steps=arguments.steps, seed=0)
+    training, held_out = np.arange(len(trajectory)) % 8 != 4, np.arange(4, len(trajectory), 8)
+    train = replace(
+        trajectory,
+        poses=trajectory.poses[training],
+        rgb=trajectory.rgb[training],
+        semantics=trajectory.semantics[training],
+        depth=None,
+    )
     nerf = lab.fit(train, SPEC, preset=arguments.preset)
-    truth = walk.rgb[held_out] / 255
-    shown = np.stack([nerf.render(pose).rgb for pose in walk.poses[held_out]])
-    print(f"{nerf}: {-10 * np.log10(np.mean((truth - shown) ** 2)):.1f} dB in {len(held_out)} frames held out")
+    truth = trajectory.rgb[held_out] / 255
+    rendered = np.stack([nerf.render(pose).rgb for pose in trajectory.poses[held_out]])
+    print(f"{nerf}: {-10 * np.log10(np.mean((truth - rendered) ** 2)):.1f} dB in {len(held_out)} held-out frames")
     four = np.linspace(0, len(held_out) - 1, 4).astype(int)
-    picture = np.vstack([np.hstack([truth[k], shown[k]]) for k in four])
-    Image.fromarray(np.uint8(255 * picture.clip(0, 1))).save(arguments.out)
-    print(f"truth on the left, the field on the right: {arguments.out}")
+    image = np.vstack([np.hstack([truth[k], rendered[k]]) for k in four])
+    Image.fromarray(np.uint8(255 * image.clip(0, 1))).save(arguments.out)
+    print(f"ground truth on the left, rendering on the right: {arguments.out}")
 
 
 if __name__ == "__main__":

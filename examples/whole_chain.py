@@ -1,7 +1,7 @@
-"""The whole chain in one file: a policy learns where to look, it walks, and a field of its walk is scored.
+"""Complete pipeline: train a policy, explore, fit a radiance field, evaluate it.
 
-python examples/whole_chain.py                              # with a policy that ships: minutes
-python examples/whole_chain.py --frames 200000 --reward cov # trains one first, by PPO (the extra `training`)
+python examples/whole_chain.py                              # with a built-in policy: minutes
+python examples/whole_chain.py --frames 200000 --reward cov # trains a policy first (extra `training`)
 """
 
 import argparse
@@ -11,11 +11,11 @@ import autonerf_lab as lab
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.viz.figures.evaluation import map_overlay
 
-TINY = {"environments": 2, "episode": 2, "rollout": 2, "batch": 4, "sensor": 16}  # of a training that proves nothing
+TINY = {"environments": 2, "episode": 2, "rollout": 2, "batch": 4, "sensor": 16}  # a minimal training for tests
 
 
 def trained(reward: str, frames: int, out: Path, preset: str) -> Path:
-    """Train a modular policy for a reward, in the training apartments and without a teacher; its weights."""
+    """Train a modular policy by PPO without imitation; return the path of its weights."""
     from autonerf_lab.training.settings import settings_of
     from autonerf_lab.training.train import train_policy
 
@@ -25,14 +25,14 @@ def trained(reward: str, frames: int, out: Path, preset: str) -> Path:
 
 
 def main() -> None:
-    """Train if asked to, explore, fit, evaluate; print the table and draw the map."""
+    """Run all stages, print the scores and save the map."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", default="val-0")
-    parser.add_argument("--reward", default="obs", help="what the policy is paid for: a name, such as cov or view")
-    parser.add_argument("--frames", type=int, default=0, help="steps of the training; 0: the policy that ships")
-    parser.add_argument("--steps", type=int, default=500, help="of the walk")
-    parser.add_argument("--preset", default="fast", help="of the field and its scores")
-    parser.add_argument("--out", type=Path, default=Path("whole-chain"))
+    parser.add_argument("--scene", default="val-0", help="Scene.")
+    parser.add_argument("--reward", default="obs", help="Reward of the policy, for example cov or view.")
+    parser.add_argument("--frames", type=int, default=0, help="Robot actions of the training; 0: built-in policy.")
+    parser.add_argument("--steps", type=int, default=500, help="Actions of the episode.")
+    parser.add_argument("--preset", default="fast", help="Preset of field and evaluation.")
+    parser.add_argument("--out", type=Path, default=Path("whole-chain"), help="Output folder.")
     arguments = parser.parse_args()
     out, size = arguments.out, lab.preset(arguments.preset)
     out.mkdir(parents=True, exist_ok=True)
@@ -40,12 +40,12 @@ def main() -> None:
     if arguments.frames:
         policy = str(trained(arguments.reward, arguments.frames, out, arguments.preset))
     sim = lab.Simulator(lab.load_scene(arguments.scene), Intrinsics.from_fov(size.width, size.height))
-    walk = lab.explore(sim, policy, steps=arguments.steps, seed=0)
-    nerf = lab.fit(walk, "semantic-nerfacto", preset=size)
-    scores = lab.evaluate(nerf, sim.scene, size, trajectory=walk)
+    trajectory = lab.explore(sim, policy, steps=arguments.steps, seed=0)
+    nerf = lab.fit(trajectory, "semantic-nerfacto", preset=size)
+    scores = lab.evaluate(nerf, sim.scene, size, trajectory=trajectory)
     map_overlay(scores.artifacts["maps"]).savefig(out / "maps.png")
     print(scores.table())
-    print(f"{policy}; the field's map beside the true one: {out / 'maps.png'}")
+    print(f"{policy}; maps of the field and of the scene: {out / 'maps.png'}")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,26 @@ runpy.run_path(str(NO_NETWORK / "sitecustomize.py"))
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(NO_NETWORK), os.environ.get("PYTHONPATH")]))
 os.environ["MPLBACKEND"] = "Agg"
 
+# Tests that train, render for long, open a browser or run a notebook; `make test-fast` leaves them out.
+SLOW = (
+    *("benchmark", "browser", "cli", "conformance/test_models.py", "course", "integration", "nerf/test_fit.py"),
+    *("nerf/test_photographs.py", "pipeline", "training", "viz", "evaluators/test_finetuning.py"),
+    *("evaluators/test_navigation.py", "evaluators/test_upstream.py", "evaluators/test_walls.py"),
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark tests by their folder: ``-m "not slow"``, ``-m browser``."""
+    root = Path(__file__).parent
+    assert all((root / name).exists() for name in SLOW)
+    for item in items:
+        if item.path.is_relative_to(root):
+            folder = item.path.relative_to(root)
+            if folder.parts[0] in ("browser", "conformance", "integration"):
+                item.add_marker(folder.parts[0])
+            if any(item.path.is_relative_to(root / name) for name in SLOW):
+                item.add_marker("slow")
+
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Site:

@@ -1,4 +1,4 @@
-"""Grids of runs and what they tell together."""
+"""Benchmark: grids of runs, result tables and statistics."""
 
 from autonerf_lab.benchmark.grid import Cell, Grid, paper_grid
 from autonerf_lab.benchmark.results import Outcome, Results, load_results

@@ -1,4 +1,4 @@
-"""One cell of a grid: explore, fit, evaluate, in a run folder that any other command understands."""
+"""Run one cell of a grid: explore, fit and evaluate in a run folder."""
 
 import contextlib
 import io
@@ -22,46 +22,51 @@ from autonerf_lab.pipeline.run_folder import load_run, locked
 from autonerf_lab.types import Score
 from autonerf_lab.utils import resources, storage
 
-PICTURES = {"walk": ("explore", "from_above"), "rendering": ("evaluate", "comparison"), "maps": ("evaluate", "overlay")}
-PICTURE_WIDTH = 900
+# figure of a cell -> stage and name of the figure of the run
+FIGURES = {
+    "trajectory": ("explore", "from_above"),
+    "rendering": ("evaluate", "comparison"),
+    "maps": ("evaluate", "overlay"),
+}
+FIGURE_WIDTH = 900  # pixels
 
 
-def run_cell(cell: Cell, out: Path, keep: bool = False, lpips: str | None = None) -> str:
-    """Run a cell, or what is left of it, and write its outcome.
+def run_cell(cell: Cell, out: Path, save_run: bool = False, lpips: str | None = None) -> str:
+    """Run or continue a cell and write its outcome.
 
     Args:
-        cell: of the grid of ``out``.
-        out: the results folder.
-        keep: leave everything that was made in ``runs/CELL``; else only scores and small pictures stay.
-        lpips: the file of its weights; it is not measured without.
+        cell: Cell of the grid of ``out``.
+        out: Results folder.
+        save_run: Save the run folder in ``runs/CELL``; otherwise only scores and small figures are saved.
+        lpips: File of the LPIPS weights; None: LPIPS is not computed.
 
     Returns:
-        The status. Whatever goes wrong inside a cell is one: it is written down, with the reason.
+        Status of the cell. An error inside the cell is recorded as its status, with the reason.
 
     Raises:
-        DataError: no space is left: nothing more can be written down.
-        RunFolderError: the grid was begun by another version of the package.
+        DataError: The disk is full.
+        RunFolderError: The results folder was made by another version of the package.
     """
     results = load_results(out, to_run=True)
-    with locked(results.work(cell), wait=True):  # one that lost its parent a moment ago may not know yet
+    with locked(results.work_folder(cell), wait=True):  # a worker of a killed process may still be running
         done = results.read(cell)
         if done is None:
-            done = _attempt(cell, results, keep, lpips)
+            done = _attempt(cell, results, save_run, lpips)
             results.write(done)
         if done.finished:
-            shutil.rmtree(results.work(cell), ignore_errors=True)
+            shutil.rmtree(results.work_folder(cell), ignore_errors=True)
         return done.status
 
 
-def _attempt(cell: Cell, results: Results, keep: bool, lpips: str | None) -> Outcome:
-    resources.forget_peak()  # of the cell that this process ran before
-    folder = results.kept(cell) if keep else results.work(cell) / "run"
+def _attempt(cell: Cell, results: Results, save_run: bool, lpips: str | None) -> Outcome:
+    resources.reset_peak()  # discard the peak of the previous cell of this process
+    folder = results.saved_run(cell) if save_run else results.work_folder(cell) / "run"
     try:
-        return _run(cell, results, folder, keep, lpips)
-    except Exception as error:  # a grid must survive one odd cell
-        if storage.out_of_space(error):
-            raise DataError(f"{error}; what is finished stays, and the same command goes on") from error
-        with contextlib.suppress(OSError):  # the log is on the same disk: words are worth less than the outcome
+        return _run(cell, results, folder, save_run, lpips)
+    except Exception as error:  # one failed cell must not stop the grid
+        if storage.is_disk_full(error):
+            raise DataError(f"{error}; finished cells are saved, run the same command again to continue") from error
+        with contextlib.suppress(OSError):  # the log may be on a full disk; the outcome is more important
             traceback.print_exc()
         if isinstance(error, MemoryError):
             return Outcome(cell, f"oom: {error}")
@@ -69,32 +74,34 @@ def _attempt(cell: Cell, results: Results, keep: bool, lpips: str | None) -> Out
         return Outcome(cell, f"{kind}: {type(error).__name__}: {error}")
 
 
-def _run(cell: Cell, results: Results, folder: Path, keep: bool, lpips: str | None) -> Outcome:
+def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str | None) -> Outcome:
     if not ((folder / "run.json").exists() and load_run(folder).finished("evaluate")):
         weights = None if lpips is None else Lpips(lpips, results.lpips)
-        pictures = None if keep else [picture for _, picture in PICTURES.values()]
-        options = pipeline.Options(weights, baselines=False, optional=cell.optional, pictures=pictures)
-        pipeline.begin(
+        figures = None if save_run else [figure for _, figure in FIGURES.values()]
+        options = pipeline.StageOptions(weights, baselines=False, optional_tasks=cell.optional, figures=figures)
+        pipeline.run_pipeline(
             folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate", options=options
-        )  # fmt: skip
+        )
     run = load_run(folder)
     started = time.perf_counter()
-    walked = folder / "exploration.json"
-    if not walked.exists():
-        from autonerf_lab.evaluators.exploration import walk_scores
+    exploration = folder / "exploration.json"
+    if not exploration.exists():
+        from autonerf_lab.evaluators.exploration import trajectory_scores
 
-        work = pipeline.Workspace(run)
-        rows, curves = walk_scores(work.trajectory, work.scene, preset(cell.preset), results.path / "scenes")
+        context = pipeline.StageContext(run)
+        rows, curves = trajectory_scores(
+            context.trajectory, context.scene, preset(cell.preset), results.path / "scenes"
+        )
         storage.write_json(folder / "curves.json", curves)
-        Scores(rows).save(walked)
-    for name, (stage, picture) in PICTURES.items():
-        _shrink(run / f"figures/{stage}_{picture}.png", results.path / "pictures" / f"{cell.name}_{name}.webp")
+        Scores(rows).save(exploration)
+    for name, (stage, figure) in FIGURES.items():
+        _shrink(run / f"figures/{stage}_{figure}.png", results.path / "figures" / f"{cell.name}_{name}.webp")
     last = {"seconds": round(time.perf_counter() - started, 3), "peak_gb": resources.peak_gb()}
-    scores = tuple(_signed(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(walked)])
+    scores = tuple(_labelled(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(exploration)])
     return Outcome(cell, OK, scores, {**run.stages, "exploration": last}, storage.read_json(folder / "curves.json"))
 
 
-def _signed(row: Score, cell: Cell) -> Score:
+def _labelled(row: Score, cell: Cell) -> Score:
     policy = label(cell.policy)
     return replace(
         row, scene=label(cell.scene), start=cell.start, policy=policy, reward=policy.partition("-")[2],
@@ -105,7 +112,7 @@ def _signed(row: Score, cell: Cell) -> Score:
 def _shrink(source: Path, target: Path) -> None:
     with Image.open(source) as image:
         small = image.convert("RGB")
-    small.thumbnail((PICTURE_WIDTH, 4 * PICTURE_WIDTH))
+    small.thumbnail((FIGURE_WIDTH, 4 * FIGURE_WIDTH))
     data = io.BytesIO()
     small.save(data, "WEBP", quality=80)
     storage.write_bytes(target, data.getvalue())

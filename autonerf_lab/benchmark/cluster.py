@@ -1,8 +1,7 @@
-"""Cells on a cluster: dask.distributed hands them to workers that share the results folder.
+"""Run cells on a cluster with dask.distributed. All workers share the results folder.
 
-A scheduler is whatever made one: ``dask scheduler`` by hand, ``dask_jobqueue.SLURMCluster``, ``dask_kubernetes``. Each
-worker runs a cell in a process of its own, which can be ended when it hangs or grows; its dashboard shows the cells by
-name.
+Any scheduler works: ``dask scheduler``, ``dask_jobqueue.SLURMCluster``, ``dask_kubernetes``. A worker runs each cell in
+a process of its own, which it can kill when the cell exceeds a limit. The dashboard shows the cells by name.
 """
 
 import hashlib
@@ -11,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from autonerf_lab.benchmark.local_workers import Limits, run_in_processes, share
+from autonerf_lab.benchmark.local_workers import Limits, limits_per_worker, run_in_processes
 from autonerf_lab.benchmark.worker import Job
 from autonerf_lab.errors import DataError, MissingPackageError
 from autonerf_lab.utils.resources import cores
@@ -20,27 +19,27 @@ CONNECT_SECONDS = 30
 
 
 def run_on_cluster(jobs: Sequence[Job], address: str, limits: Limits) -> Iterator[tuple[Job, str]]:
-    """Run jobs on the workers of a scheduler, as many at a time as these have threads.
+    """Run jobs on the workers of a scheduler, one job per worker thread at a time.
 
-    A cell whose worker is lost goes to another one, and on from its last finished stage.
+    A cell whose worker is lost continues on another worker after its last finished stage.
 
     Args:
-        jobs: their results folder is one that all workers see.
-        address: such as ``tcp://10.0.0.1:8786``.
-        limits: ``seconds`` and ``memory_gb`` of a cell; threads are those of a worker's machine, divided.
+        jobs: Jobs whose results folder is shared by all workers.
+        address: Address of the scheduler, such as ``tcp://10.0.0.1:8786``.
+        limits: ``seconds`` and ``memory_gb`` per cell. The threads of a machine are divided among its cells.
 
     Yields:
-        Each job with its status, in the order in which they end.
+        Each job with its status, in the order of completion.
 
     Raises:
-        MissingPackageError: the extra ``cluster`` is not installed.
-        DataError: nobody answers at the address, the scheduler was lost, or the disk is full.
+        MissingPackageError: The extra ``cluster`` is not installed.
+        DataError: The scheduler does not answer, the connection to it was lost, or the disk is full.
     """
     try:
         from distributed import CancelledError, Client, as_completed
         from distributed.comm import CommClosedError
     except ImportError as error:
-        raise MissingPackageError('a scheduler needs dask: pip install "autonerf-lab[cluster]"') from error
+        raise MissingPackageError('a scheduler needs dask.distributed: pip install "autonerf-lab[cluster]"') from error
     try:
         client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:  # a timeout is an OSError
@@ -59,17 +58,19 @@ def run_on_cluster(jobs: Sequence[Job], address: str, limits: Limits) -> Iterato
                 status = future.result()
             except DataError:
                 raise
-            except (CancelledError, CommClosedError) as error:  # nobody here cancels anything
-                raise DataError(f"the scheduler at {address} was lost; the same command goes on") from error
-            except Exception as error:  # its worker died, again and again; or it could not even begin
+            except (CancelledError, CommClosedError) as error:  # this package cancels nothing
+                raise DataError(
+                    f"the connection to the scheduler at {address} was lost; run the same command again to continue"
+                ) from error
+            except Exception as error:  # its workers died repeatedly, or the job could not start
                 status = f"died: {type(error).__name__}: {error}"
             yield job, status
 
 
 def key_of(job: Job) -> str:
-    """What dask calls a job: the dashboard shows all before the last hyphen, the rest tells it from all others.
+    """Return the unique dask key of a job. The dashboard shows the part before the last hyphen.
 
-    Two grids of the same cells may be under way at one scheduler, and dask takes equal keys for equal work.
+    The digest distinguishes grids with the same cells on one scheduler, because dask merges jobs with equal keys.
 
     Example:
         >>> from autonerf_lab.benchmark.grid import Cell
@@ -81,24 +82,27 @@ def key_of(job: Job) -> str:
 
 
 def on_worker(job: Job, limits: Limits, threads: dict[str, int]) -> str:
-    """Run one job in a new process of the machine that this worker is on.
+    """Run one job in a new process on the machine of this dask worker.
 
     Args:
-        job: the cell.
-        limits: ``threads`` does not matter.
-        threads: of all workers together, by machine: so many cells may run there at a time.
+        job: Job to run.
+        limits: Limits of the cell; ``threads`` is ignored.
+        threads: Total number of worker threads, and thus of simultaneous cells, by host.
+
+    Returns:
+        Status of the cell.
 
     Raises:
-        DataError: the disk is full.
+        DataError: The disk is full.
     """
     from distributed import get_worker
 
     worker = get_worker()
     own = int(worker.state.nthreads)
-    # a job of a batch system sees its own cores only: whoever else is on the machine has others
+    # a batch job with limited cores does not share them with other jobs on the machine
     slots = own if cores() < (os.cpu_count() or 1) else max(own, threads.get(worker.ip, 0))
-    mine = share(slots, limits.seconds, limits.memory_gb)
+    own_limits = limits_per_worker(slots, limits.seconds, limits.memory_gb)
     memory = worker.memory_manager.memory_limit
     if limits.memory_gb is None and memory:
-        mine = replace(mine, memory_gb=memory / own / 1e9)
-    return next(run_in_processes([job], 1, mine))[1]
+        own_limits = replace(own_limits, memory_gb=memory / own / 1e9)
+    return next(run_in_processes([job], 1, own_limits))[1]

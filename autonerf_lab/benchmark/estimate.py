@@ -1,4 +1,4 @@
-"""What a grid will cost, from cells that were measured."""
+"""Estimate of the cost of a grid from measured cells."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -7,73 +7,73 @@ from autonerf_lab.benchmark.grid import Grid
 from autonerf_lab.benchmark.results import Outcome, open_results
 
 MODEL = "semantic-nerfacto"
-# seconds and kept megabytes of a cell of it, without optional tasks, that has the two cores of a laptop to itself
+# seconds and saved megabytes per cell of MODEL without optional tasks, alone on two cores of a laptop
 MEASURED = {"smoke": (17.0, 0.1), "fast": (150.0, 0.3)}
-WORK_MB = {"smoke": 2.0, "fast": 80.0, "paper": 400.0}  # of an unfinished cell: its walk, its field, its pictures
+WORK_MB = {"smoke": 2.0, "fast": 80.0, "paper": 400.0}  # of the run folder of an unfinished cell
 
 
 def dry_run(grid: Grid, out: Path, workers: int = 1, retry: Iterable[str] = (), lpips: str | None = None) -> str:
-    """The cells, and what is left to do in hours and gigabytes.
+    """List the cells and estimate the remaining time and disk space.
 
-    Seconds come from the finished cells of the same model, which are taken to have run as many at a time as are asked
-    for now, and so to have shared the cores as the next ones will. Without any they are those of a cell that had two
-    cores to itself: workers share the cores, so that more of them take as long.
+    The time per cell is the mean of the finished cells of the same model, which are assumed to have run with the same
+    number of workers. Without finished cells, it is a measured time of one cell on two cores; more workers share the
+    cores and thus do not reduce it.
 
     Args:
-        grid: checked.
-        out: the results folder; nothing is written there.
-        workers: cells at a time.
-        retry: outcomes that would be forgotten, as in ``run_grid``.
-        lpips: SHA-256 of the weights of LPIPS, where it is to be measured.
+        grid: Validated grid, see :meth:`Grid.checked`.
+        out: Results folder; nothing is written.
+        workers: Number of worker processes.
+        retry: Statuses of cells to run again, as in ``run_grid``.
+        lpips: SHA-256 of the LPIPS weights; None: LPIPS is not computed.
 
     Returns:
-        Lines for people. A model that nobody has measured in this preset has no estimate.
+        One line per cell and a summary. A model without measurements in this preset has no estimate.
 
     Raises:
-        RunFolderError: the folder holds another grid, or another version's.
-        DataError: a file is damaged.
+        RunFolderError: The folder holds another grid, or results of another version.
+        DataError: A file is damaged.
     """
-    kept = open_results(out, grid, lpips).outcomes() if (out / "grid.json").exists() else []
-    done = {outcome.cell: outcome for outcome in kept if not outcome.runs_again(retry)}
-    cells, at_once = grid.cells(), max(1, workers)
-    left = [cell for cell in cells if cell not in done]
-    lines = [f"{cell.name}  {_word(done.get(cell))}".rstrip() for cell in cells]
-    lines.append(f"{len(cells)} cells, {len(left)} to run, {at_once} at a time")
-    measured = [outcome for outcome in kept if outcome.finished]
-    seconds = {model: _seconds(measured, grid, model, at_once) for model in grid.models}
-    if not left:
-        return "\n".join([*lines, "nothing is left to run"])
-    unknown = [model for model in dict.fromkeys(cell.model for cell in left) if seconds[model] is None]
+    stored = open_results(out, grid, lpips).outcomes() if (out / "grid.json").exists() else []
+    done = {outcome.cell: outcome for outcome in stored if not outcome.should_retry(retry)}
+    cells, parallel = grid.cells(), max(1, workers)
+    remaining = [cell for cell in cells if cell not in done]
+    lines = [f"{cell.name}  {_status_word(done.get(cell))}".rstrip() for cell in cells]
+    lines.append(f"{len(cells)} cells, {len(remaining)} to run, {parallel} at a time")
+    measured = [outcome for outcome in stored if outcome.finished]
+    seconds = {model: _seconds(measured, grid, model, parallel) for model in grid.models}
+    if not remaining:
+        return "\n".join([*lines, "all cells are finished"])
+    unknown = [model for model in dict.fromkeys(cell.model for cell in remaining) if seconds[model] is None]
     if unknown:
-        asked = " with " + ", ".join(grid.optional) if grid.optional else ""
-        lines.append(f"no cell of {unknown[0]}{asked} was measured in preset {grid.preset} yet: run one, and ask again")
+        tasks = " with " + ", ".join(grid.optional) if grid.optional else ""
+        lines.append(f"no estimate: no finished cell of {unknown[0]}{tasks} in preset {grid.preset}; run one first")
     else:
-        hours = sum(seconds[cell.model] or 0.0 for cell in left) / 3600
-        space = (_megabytes(measured, grid, out) * len(left) + WORK_MB[grid.preset] * at_once) / 1000
+        hours = sum(seconds[cell.model] or 0.0 for cell in remaining) / 3600
+        space = (_megabytes(measured, grid, out) * len(remaining) + WORK_MB[grid.preset] * parallel) / 1000
         lines.append(f"about {hours:.1f} hours and {space:.2f} GB, from {_source(measured, grid)}")
     return "\n".join(lines)
 
 
-def _word(outcome: Outcome | None) -> str:
+def _status_word(outcome: Outcome | None) -> str:
     if outcome is None:
         return ""
     return "finished" if outcome.finished else outcome.status.split(":")[0]
 
 
-def _seconds(measured: Sequence[Outcome], grid: Grid, model: str, at_once: int) -> float | None:
-    """Of the machine, for each cell of a model; None where nobody knows."""
-    mine = [outcome.seconds for outcome in measured if outcome.cell.model == model]
-    if mine:
-        return sum(mine) / len(mine) / at_once
-    return MEASURED[grid.preset][0] if _is_known(grid, model) else None
+def _seconds(measured: Sequence[Outcome], grid: Grid, model: str, parallel: int) -> float | None:
+    """Return the wall-clock seconds per cell of a model; None if unknown."""
+    own = [outcome.seconds for outcome in measured if outcome.cell.model == model]
+    if own:
+        return sum(own) / len(own) / parallel
+    return MEASURED[grid.preset][0] if _is_measured(grid, model) else None
 
 
-def _is_known(grid: Grid, model: str) -> bool:
+def _is_measured(grid: Grid, model: str) -> bool:
     return model == MODEL and grid.preset in MEASURED and not grid.optional
 
 
 def _megabytes(measured: Sequence[Outcome], grid: Grid, out: Path) -> float:
-    """That a finished cell leaves."""
+    """Return the saved megabytes per finished cell."""
     if not measured:
         return MEASURED[grid.preset][1]
     files = [file for file in out.rglob("*") if file.is_file() and "work" not in file.relative_to(out).parts]
@@ -82,5 +82,5 @@ def _megabytes(measured: Sequence[Outcome], grid: Grid, out: Path) -> float:
 
 def _source(measured: Sequence[Outcome], grid: Grid) -> str:
     if not measured:
-        return f"a cell of {MEASURED[grid.preset][0]:.0f} s on two cores with nothing else to do"
+        return f"a cell of {MEASURED[grid.preset][0]:.0f} s on two otherwise idle cores"
     return f"{len(measured)} finished cells: {sum(o.seconds for o in measured) / len(measured):.0f} s each"

@@ -1,4 +1,4 @@
-"""What is made from the cells of a results folder, whenever somebody asks: CSV, Parquet, tables."""
+"""Export of a results folder: scores as CSV and Parquet, tables as Markdown, LaTeX and HTML."""
 
 import io
 from importlib.util import find_spec
@@ -8,29 +8,29 @@ import pandas as pd
 
 from autonerf_lab.benchmark.paper_tables import all_tables
 from autonerf_lab.benchmark.results import Results
-from autonerf_lab.benchmark.results_table import Collected, collect, frame
+from autonerf_lab.benchmark.results_table import ResultsTable, load_results_table, scores_frame
 from autonerf_lab.benchmark.text_table import escaped
 from autonerf_lab.utils import storage
 
-TIMES = "seconds"  # the only column of scores.csv that differs when a grid is run again
+TIMES = "seconds"  # the only column of scores.csv that is not reproducible
 
 
-def publish(results: Results) -> list[Path]:
-    """Write ``scores.csv``, ``scores.parquet`` (with pyarrow), ``tables.md``, ``tables.tex`` and ``tables.html``.
+def export_results(results: Results) -> list[Path]:
+    """Write ``scores.csv``, ``scores.parquet`` (needs pyarrow), ``tables.md``, ``tables.tex`` and ``tables.html``.
 
     Returns:
-        Their paths.
+        Paths of the files.
 
     Raises:
-        DataError: a cell is damaged, or no space is left.
+        DataError: A cell is damaged, or the disk is full.
     """
-    found = collect(results)
-    rows = frame(found.outcomes)
+    found = load_results_table(results)
+    rows = scores_frame(found.outcomes)
     tables = all_tables(found)
-    words = escaped(summary(found))
+    heading = escaped(summary(found))
     files = {
         "scores.csv": rows.to_csv(index=False, lineterminator="\n").encode(),
-        "tables.md": ("\n\n".join([words, *(table.markdown() for table in tables)]) + "\n").encode(),
+        "tables.md": ("\n\n".join([heading, *(table.markdown() for table in tables)]) + "\n").encode(),
         "tables.tex": ("\n\n".join(table.latex() for table in tables) + "\n").encode(),
         "tables.html": "\n".join(table.html() for table in tables).encode(),
     }
@@ -41,15 +41,15 @@ def publish(results: Results) -> list[Path]:
     return [results.path / name for name in files]
 
 
-def headline(found: Collected) -> str:
-    """How much of the grid there is."""
+def headline(found: ResultsTable) -> str:
+    """Return the number of finished cells and the kind of intervals, in one line."""
     finished = sum(outcome.finished for outcome in found.outcomes)
-    return f"{finished} of {found.asked} cells; intervals are 95 % (Student's t on the means of scenes)."
+    return f"{finished} of {found.cell_count} cells; intervals are 95 % (Student's t on the means of scenes)."
 
 
-def summary(found: Collected) -> str:
-    """How much of the grid there is, and what became of the rest: a line a cell."""
-    return "\n".join([headline(found), *(f"- {o.cell.name}: {o.status}" for o in found.missing)])
+def summary(found: ResultsTable) -> str:
+    """Return the headline, and one line per cell that was run and has no scores."""
+    return "\n".join([headline(found), *(f"- {o.cell.name}: {o.status}" for o in found.unfinished)])
 
 
 def _parquet(rows: pd.DataFrame) -> bytes:

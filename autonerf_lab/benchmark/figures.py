@@ -1,4 +1,4 @@
-"""Pictures of a whole grid."""
+"""Figures of a results table."""
 
 from collections.abc import Sequence
 
@@ -6,48 +6,49 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from autonerf_lab.benchmark.grid import label
-from autonerf_lab.benchmark.paper import BY_POLICY, HEADLINES, Column
-from autonerf_lab.benchmark.results_table import Collected
+from autonerf_lab.benchmark.paper import BY_POLICY, HEADLINES
+from autonerf_lab.benchmark.results_table import ResultsTable
+from autonerf_lab.evaluators.metrics import Metric
 
 CURVES = {"coverage": "area", "obstacle_coverage": "obstacles", "semantic_coverage": "classes",
           "viewpoint_coverage": "viewpoints"}  # fmt: skip
-COLOURS = ("#0b5e8e", "#d1662a", "#3c8d53", "#8a4f9e", "#b8922a", "#c23b5c", "#4ba3a8", "#6b6b6b", "#7a86d1", "#a0522d")
+COLORS = ("#0b5e8e", "#d1662a", "#3c8d53", "#8a4f9e", "#b8922a", "#c23b5c", "#4ba3a8", "#6b6b6b", "#7a86d1", "#a0522d")
 
 
-def scores_over_policies(found: Collected, columns: Sequence[Column] = HEADLINES) -> Figure:
-    """A panel a score, a bar of the interval for each policy, a dot a scene; hollow diamonds are the paper's."""
+def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLINES) -> Figure:
+    """Plot the scores, one panel each: mean and interval by policy, scene means (dots), paper (diamonds)."""
     rows = found.rows
     figure = Figure(figsize=(13, 0.9 + 2 * (0.9 + 0.28 * len(rows))), layout="constrained")
-    axes = figure.subplots(2, (len(columns) + 1) // 2, squeeze=False, sharey=True).ravel()
-    for ax, column in zip(axes, columns, strict=False):
+    axes = figure.subplots(2, (len(metrics) + 1) // 2, squeeze=False, sharey=True).ravel()
+    for ax, metric in zip(axes, metrics, strict=False):
         for y, row in enumerate(rows):
-            colour = COLOURS[y % len(COLOURS)]
-            means = [float(np.mean(values)) * column.scale for values in found.runs(row, column.key).values()]
-            mean = found.interval(row, column.key)
+            color = COLORS[y % len(COLORS)]
+            means = [float(np.mean(values)) * metric.scale for values in found.runs(row, metric.key).values()]
+            mean = found.interval(row, metric.key)
             if mean is not None:
-                half = 0.0 if mean.scenes == 1 else mean.half * column.scale
-                ax.errorbar(mean.mean * column.scale, y, xerr=half, fmt="o", color=colour, capsize=3, zorder=3)
-                ax.plot(means, np.full(len(means), y), ".", color=colour, alpha=0.4)
-            published = BY_POLICY.get(row[0], {}).get(column.key)
+                half = 0.0 if mean.scenes == 1 else mean.half_width * metric.scale
+                ax.errorbar(mean.mean * metric.scale, y, xerr=half, fmt="o", color=color, capsize=3, zorder=3)
+                ax.plot(means, np.full(len(means), y), ".", color=color, alpha=0.4)
+            published = BY_POLICY.get(row[0], {}).get(metric.key)
             if published is not None and row[1] == "semantic-nerfacto":
-                ax.plot(published * column.scale, y, "D", markerfacecolor="none", color="#888888", markersize=5)
-        ax.set_title(column.title + (" ↓" if column.better < 0 else ""), fontsize=10)
+                ax.plot(published * metric.scale, y, "D", markerfacecolor="none", color="#888888", markersize=5)
+        ax.set_title(metric.heading + (" ↓" if metric.better < 0 else ""), fontsize=10)
         ax.grid(axis="x", alpha=0.3)
     several = len({model for _, model in rows}) > 1
     axes[0].set_yticks(range(len(rows)), [f"{p}, {m}" if several else p for p, m in rows])
     axes[0].set_ylim(len(rows) - 0.5, -0.5)
-    for ax in axes[len(columns) :]:
+    for ax in axes[len(metrics) :]:
         ax.axis("off")
     return figure
 
 
-def coverage_curves(found: Collected) -> Figure:
-    """Shares of what is visible over the walk: a line a policy, the mean over scenes, in a band from worst to best."""
+def coverage_curves(found: ResultsTable) -> Figure:
+    """Plot the coverage over the episode by policy: mean over scenes, and a band from worst to best scene."""
     figure = Figure(figsize=(13, 3.8), layout="constrained")
     axes = figure.subplots(1, len(CURVES), sharey=True)
     policies = list(dict.fromkeys(policy for policy, _ in found.rows))
     for ax, (key, title) in zip(axes, CURVES.items(), strict=True):
-        for policy, colour in zip(policies, np.resize(COLOURS, len(policies)), strict=True):
+        for policy, color in zip(policies, np.resize(COLORS, len(policies)), strict=True):
             scenes: dict[str, list[list[float]]] = {}
             for outcome in found.outcomes:
                 if label(outcome.cell.policy) == policy and outcome.curves:
@@ -55,11 +56,11 @@ def coverage_curves(found: Collected) -> Figure:
             if scenes:
                 means = np.array([np.mean(curves, axis=0) for curves in scenes.values()])
                 share = 100 * (np.arange(means.shape[1]) + 1) / means.shape[1]
-                ax.plot(share, means.mean(axis=0), color=str(colour), label=policy)
-                ax.fill_between(share, means.min(axis=0), means.max(axis=0), color=str(colour), alpha=0.1, linewidth=0)
-        ax.set(title=title, xlabel="% of the walk", xlim=(0, 100), ylim=(0, 100))
+                ax.plot(share, means.mean(axis=0), color=str(color), label=policy)
+                ax.fill_between(share, means.min(axis=0), means.max(axis=0), color=str(color), alpha=0.1, linewidth=0)
+        ax.set(title=title, xlabel="% of the episode", xlim=(0, 100), ylim=(0, 100))
         ax.grid(alpha=0.3)
-    axes[0].set_ylabel("% of what is visible")
+    axes[0].set_ylabel("coverage, % of the visible total")
     handles, labels = axes[0].get_legend_handles_labels()
     if handles:
         figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)

@@ -1,7 +1,7 @@
-"""What tells a grid from any other: its names, and what was behind each of them when it began.
+"""Fingerprint of a grid: its names and the SHA-256 of the contents behind each name.
 
-A name may come to mean something else: a policy is trained again, a file of a scene is edited, a setting of a model
-changes. Cells from before and after would then stand in one row of a table, so each is kept by its SHA-256.
+The content behind a name can change: a policy is trained again, a scene file is edited, a model gets other settings.
+The fingerprint prevents that cells from before and after such a change are mixed in one table.
 """
 
 import hashlib
@@ -15,21 +15,21 @@ from typing import Any
 from autonerf_lab.benchmark.grid import Grid, is_path, label
 from autonerf_lab.config import preset
 
-BEHIND = ("weights", "scene_files", "sizes", "settings")  # of the identity: name -> SHA-256
-LPIPS, POINTGOAL = "LPIPS", "PointGoal"  # weights that are no policy of the grid
+CONTENT_KEYS = ("weights", "scene_files", "sizes", "settings")  # parts of a fingerprint: name -> SHA-256
+LPIPS, POINTGOAL = "LPIPS", "PointGoal"  # weights used in the evaluation, not by a policy of the grid
 
-Identity = Mapping[str, Any]
+Fingerprint = Mapping[str, Any]
 
 
-def identity(grid: Grid, lpips: str | None = None) -> dict[str, Any]:
-    """What a results folder keeps of a grid, as JSON takes it.
+def grid_fingerprint(grid: Grid, lpips: str | None = None) -> dict[str, Any]:
+    """Return the fingerprint of a grid as JSON values.
 
     Args:
-        grid: checked; a name that does not exist has nothing behind it.
-        lpips: SHA-256 of the weights of LPIPS, where it is measured.
+        grid: Validated grid, see :meth:`Grid.checked`.
+        lpips: SHA-256 of the LPIPS weights; None: LPIPS is not computed.
 
     Example:
-        >>> found = identity(Grid(("random",), ("dev-0",), 1, preset="smoke"))
+        >>> found = grid_fingerprint(Grid(("random",), ("dev-0",), 1, preset="smoke"))
         >>> found["policies"], found["weights"], list(found["scene_files"]), list(found["settings"])
         (['random'], {}, ['dev-0'], ['semantic-nerfacto'])
     """
@@ -50,17 +50,17 @@ def identity(grid: Grid, lpips: str | None = None) -> dict[str, Any]:
         **{key: list(value) if isinstance(value, tuple) else value for key, value in asdict(grid).items()},
         "weights": {name: sha256 for name, sha256 in weights.items() if sha256 is not None},
         "scene_files": {label(name): _sha256(file.read_bytes()) for name, file in files.items() if file.is_file()},
-        "sizes": {size["name"]: _fields(size)},
+        "sizes": {size["name"]: _settings_sha256(size)},
         "settings": {
-            name: _fields(asdict(models[name].settings[size["name"]]))
+            name: _settings_sha256(asdict(models[name].settings[size["name"]]))
             for name in grid.models
             if name in models and size["name"] in models[name].settings
         },
     }
 
 
-def differences(kept: Identity, asked: Identity) -> list[str]:
-    """What is not the same, for people; nothing if the one can go on with the other.
+def differences(stored: Fingerprint, requested: Fingerprint) -> list[str]:
+    """Return a description of each difference; empty if a run with one fingerprint can continue the other.
 
     Example:
         >>> differences({"starts": 2, "weights": {}}, {"starts": 3, "weights": {}})
@@ -68,37 +68,42 @@ def differences(kept: Identity, asked: Identity) -> list[str]:
         >>> differences({"weights": {"mine": "0123456789"}}, {"weights": {"mine": "abcdefabcd", "LPIPS": "99"}})
         ['weights of mine: 01234567, not abcdefab', 'weights of LPIPS: none, not 99']
     """
-    names = [key for key in asked if key not in BEHIND and kept.get(key) != asked[key]]
-    if names:  # what is behind other names differs too, and says nothing more
-        return [f"{key}: {_text(kept.get(key))}, not {_text(asked[key])}" for key in names]
-    return [text for key in BEHIND if key in asked for text in _behind(key, kept.get(key) or {}, asked[key])]
+    names = [key for key in requested if key not in CONTENT_KEYS and stored.get(key) != requested[key]]
+    if names:  # the contents differ too, but that adds no information
+        return [f"{key}: {_text(stored.get(key))}, not {_text(requested[key])}" for key in names]
+    return [
+        text
+        for key in CONTENT_KEYS
+        if key in requested
+        for text in _content_differences(key, stored.get(key) or {}, requested[key])
+    ]
 
 
-def mixed(identities: Mapping[Path, Identity]) -> str:
-    """What has one name in two folders and is not the same; empty where nothing is.
+def find_conflict(fingerprints: Mapping[Path, Fingerprint]) -> str:
+    """Return a description of a name with different contents in two folders; empty if there is none.
 
     Example:
-        >>> mixed({Path("a"): {"weights": {"mine": "01"}}, Path("b"): {"weights": {"mine": "02"}}})
+        >>> find_conflict({Path("a"): {"weights": {"mine": "01"}}, Path("b"): {"weights": {"mine": "02"}}})
         'a and b differ in weights of mine: 01, not 02'
     """
-    for (path, one), (other_path, other) in combinations(identities.items(), 2):
-        for key in BEHIND:
-            mine, theirs = one.get(key) or {}, other.get(key) or {}
-            shared = [name for name in mine if name in theirs]
-            for text in _behind(key, {n: mine[n] for n in shared}, {n: theirs[n] for n in shared}):
+    for (path, one), (other_path, other) in combinations(fingerprints.items(), 2):
+        for key in CONTENT_KEYS:
+            first, second = one.get(key) or {}, other.get(key) or {}
+            shared = [name for name in first if name in second]
+            for text in _content_differences(key, {n: first[n] for n in shared}, {n: second[n] for n in shared}):
                 return f"{path} and {other_path} differ in {text}"
     return ""
 
 
-def _behind(key: str, kept: Mapping[str, str], asked: Mapping[str, str]) -> Iterator[str]:
-    for name in {**kept, **asked}:
-        if kept.get(name) != asked.get(name):
-            one, other = (str(found.get(name, "none"))[:8] for found in (kept, asked))
+def _content_differences(key: str, stored: Mapping[str, str], requested: Mapping[str, str]) -> Iterator[str]:
+    for name in {**stored, **requested}:
+        if stored.get(name) != requested.get(name):
+            one, other = (str(found.get(name, "none"))[:8] for found in (stored, requested))
             yield f"{key.replace('_', ' ')} of {name}: {one}, not {other}"
 
 
-def _fields(settings: Mapping[str, Any]) -> str:
-    """What JSON has no word for counts by the name of its kind, which a new process says too."""
+def _settings_sha256(settings: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of settings as JSON. Values without a JSON form are replaced by the name of their type."""
     plain = json.dumps(settings, sort_keys=True, default=lambda value: type(value).__qualname__)
     return _sha256(plain.encode())
 

@@ -1,4 +1,4 @@
-"""A grid: which policy walks in which scene from which start, and which model learns from the walk."""
+"""Grid of a benchmark: all combinations of policies, scenes, start poses and models."""
 
 import re
 import runpy
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError, WrongTypeError
-from autonerf_lab.pipeline.stages import SCANS
+from autonerf_lab.pipeline.context import SCAN_SUFFIXES
 
 PAPER_POLICIES = (
     "random", "frontier", "e2e-cov", "e2e-cur", "e2e-nov", "e2e-rec",
@@ -21,25 +21,27 @@ PAPER_POLICIES = (
 
 @dataclass(frozen=True)
 class Cell:
-    """One walk, the field that learned from it, and its scores."""
+    """Cell of a grid: one trajectory, the radiance field trained on it, and its scores."""
 
-    policy: str  # a name, or the path of weights
-    scene: str  # a name, or the path of a file
-    start: int  # the seed of everything in it
+    policy: str  # name, path of weights, or module:Class
+    scene: str  # name, or path of a file
+    start: int  # random seed of the start pose and of everything else
     model: str
     preset: str
-    optional: tuple[str, ...] = ()  # tasks that take long
+    optional: tuple[str, ...] = ()  # optional tasks
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "optional", tuple(self.optional))  # JSON gives a list back
+        object.__setattr__(self, "optional", tuple(self.optional))  # a list if read from JSON
 
     @property
     def name(self) -> str:
-        """What its files are called.
+        """Name of the files of the cell; characters that are not safe in file names are replaced.
 
         Example:
             >>> Cell("runs/policies/modular-bumps/policy.safetensors", "val-0", 2, "instant-ngp", "fast").name
             'val-0_modular-bumps_2_instant-ngp'
+            >>> Cell("my_package.policies:Spiral", "val-0", 2, "instant-ngp", "fast").name
+            'val-0_my_package.policies-Spiral_2_instant-ngp'
         """
         parts = (label(self.scene), label(self.policy), str(self.start), self.model)
         return "_".join(re.sub(r"[^\w.+-]", "-", part) for part in parts)
@@ -47,9 +49,9 @@ class Cell:
 
 @dataclass(frozen=True)
 class Grid:
-    """Every policy in every scene from every start, learned by every model.
+    """All combinations of policies, scenes, starts and models.
 
-    A grid is also a short Python file that makes one and calls it ``GRID``.
+    A Python file that sets the variable ``GRID`` can define a grid too, see :func:`load_grid`.
 
     Example:
         >>> grid = Grid(policies=("random", "frontier"), scenes=("val-0",), starts=2)
@@ -57,48 +59,49 @@ class Grid:
         ['val-0_random_0_semantic-nerfacto', 'val-0_random_1_semantic-nerfacto']
     """
 
-    policies: tuple[str, ...]
-    scenes: tuple[str, ...]
-    starts: int = 5
+    policies: tuple[str, ...]  # names, paths of weights, module:Class, or names of groups
+    scenes: tuple[str, ...]  # names, paths, or names of splits
+    starts: int = 5  # number of start poses per scene
     models: tuple[str, ...] = ("semantic-nerfacto",)
     preset: str = "fast"
-    optional: tuple[str, ...] = ()  # tasks that take long: navigation (minutes a cell), finetuning (hours)
+    optional: tuple[str, ...] = ()  # optional tasks: navigation (minutes per cell), finetuning (hours per cell)
 
     def cells(self) -> list[Cell]:
-        """All cells, scene by scene."""
+        """Return all cells, scene by scene."""
         return [
             Cell(policy, scene, start, model, self.preset, self.optional)
             for scene, policy, start, model in product(self.scenes, self.policies, range(self.starts), self.models)
         ]
 
     def checked(self) -> "Grid":
-        """The same grid with its groups of names written out and its paths made absolute.
+        """Return a validated grid with expanded groups of names and absolute paths.
 
         Raises:
-            WrongTypeError: a field that is not what it should be, such as a name where a tuple of names belongs.
-            UnknownNameError: a name that does not exist; lists the valid ones.
-            DataError: a file is missing, two entries would share a name, or nothing is left to run.
-            MissingPackageError: fine-tuning, without the extra ``training``.
+            WrongTypeError: A field has the wrong type, such as a name instead of a tuple of names.
+            UnknownNameError: A name does not exist. The message lists the valid names.
+            DataError: A file is missing, two cells would have the same name, or the grid is empty.
+            MissingPackageError: Fine-tuning needs the extra ``training``.
         """
         self._check_types()
-        from autonerf_lab.evaluators.tasks import OPTIONAL
+        from autonerf_lab.evaluators.tasks import optional_tasks
         from autonerf_lab.nerf.models import available
         from autonerf_lab.policies import POLICIES, make_policy
+        from autonerf_lab.policies import available as available_policies
         from autonerf_lab.scenes import scene_names
 
         learned = {kind: [n for n in POLICIES if n.startswith(kind + "-")] for kind in ("modular", "e2e")}
         groups = {"all": [*POLICIES], "paper": [*PAPER_POLICIES]} | {k: v for k, v in learned.items() if v}
         policies = _expand(self.policies, groups)
         for policy in policies:
-            if not is_path(policy) and policy not in POLICIES:
-                raise UnknownNameError("policy", policy, [*POLICIES, *groups])
+            if not is_path(policy) and ":" not in policy and policy not in available_policies():
+                raise UnknownNameError("policy", policy, [*available_policies(), *groups])
             make_policy(policy)
         splits = {"all": scene_names()} | {split: scene_names(split) for split in ("train", "dev", "val")}
         scenes = _expand(self.scenes, splits)
         for scene in scenes:
             if is_path(scene):
                 if not Path(scene).is_file():
-                    raise DataError(f"{scene} does not exist: a scene is a name of the library or a file")
+                    raise DataError(f"{scene} does not exist: a scene must be a name of the library or a file")
             elif scene not in scene_names():
                 raise UnknownNameError("scene", scene, [*scene_names(), *splits])
         models = _expand(self.models, {"all": [*available()]})
@@ -106,8 +109,8 @@ class Grid:
             if model not in available():
                 raise UnknownNameError("model", model, [*available(), "all"])
         for task in self.optional:
-            if task not in OPTIONAL:
-                raise UnknownNameError("optional task", task, OPTIONAL)
+            if task not in optional_tasks():
+                raise UnknownNameError("optional task", task, optional_tasks())
         if "finetuning" in self.optional:
             _check_finetuning()
         if self.starts < 1:
@@ -116,10 +119,10 @@ class Grid:
         grid = replace(self, policies=policies, scenes=scenes, models=models, preset=size, optional=optional)
         names = [cell.name for cell in grid.cells()]
         if not names:
-            raise DataError("the grid has no cell: name at least one policy, one scene and one model")
+            raise DataError("the grid has no cell: give at least one policy, one scene and one model")
         twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
-            raise DataError(f"two cells would be called {twice[0]}: rename one of the files that the grid names")
+            raise DataError(f"two cells would have the name {twice[0]}: rename one of the files or classes of the grid")
         return grid
 
     def _check_types(self) -> None:
@@ -134,21 +137,21 @@ class Grid:
 
 
 def _check_finetuning() -> None:
-    """Fail before the first cell, not after an hour of it."""
+    """Check the requirements of fine-tuning before the first cell runs."""
     from autonerf_lab.evaluators.finetuning import PRETRAINED
 
     for path in (PRETRAINED, PRETRAINED.with_suffix(".json")):
         if not path.is_file():
             raise DataError(
-                f"finetuning goes on with a PointGoal policy, and {path} does not exist: `autonerf-lab train-policy "
-                "--policy pointgoal` makes one, or leave finetuning out"
+                f"finetuning starts from a PointGoal policy, but {path} does not exist: train one with `autonerf-lab "
+                "train-policy --policy pointgoal`, or remove finetuning"
             )
     if find_spec("stable_baselines3") is None:
-        raise MissingPackageError('finetuning trains a policy: pip install "autonerf-lab[training]"')
+        raise MissingPackageError('finetuning needs an extra: pip install "autonerf-lab[training]"')
 
 
 def label(name: str) -> str:
-    """A name as tables print it: that of a file without its folder and ending.
+    """Return a policy or scene name as printed in tables: files without folder and suffix.
 
     Example:
         >>> label("frontier"), label("runs/policies/modular-bumps/policy.safetensors"), label("/tmp/flat.glb")
@@ -161,16 +164,16 @@ def label(name: str) -> str:
 
 
 def paper_grid(preset_name: str = "fast") -> Grid:
-    """The paper's policies, and ``random``, in the five validation scenes from five starts."""
+    """Return the grid of the paper, plus ``random``: five validation scenes, five start poses each."""
     return Grid(PAPER_POLICIES, ("val",), 5, preset=preset_name)
 
 
 def load_grid(name: str) -> Grid:
-    """The grid ``paper``, or the ``GRID`` of a Python file. The file is code: it is run.
+    """Load a grid: ``paper``, or the variable ``GRID`` of a Python file. The file is executed.
 
     Raises:
-        UnknownNameError: neither a grid nor a Python file.
-        DataError: the file fails, or holds no grid.
+        UnknownNameError: ``name`` is neither a known grid nor a Python file.
+        DataError: The file raises an exception or defines no grid.
     """
     if name == "paper":
         return paper_grid()
@@ -178,7 +181,7 @@ def load_grid(name: str) -> Grid:
         raise UnknownNameError("grid", name, ["paper", "FILE.py"])
     try:
         grid = runpy.run_path(name).get("GRID")
-    except (Exception, SystemExit) as error:  # whatever a stranger's file raises
+    except (Exception, SystemExit) as error:  # user code may raise anything
         raise DataError(f"{name} cannot be run: {type(error).__name__}: {error}") from error
     if not isinstance(grid, Grid):
         raise DataError(f"{name} must set GRID = autonerf_lab.benchmark.Grid(...)")
@@ -186,13 +189,13 @@ def load_grid(name: str) -> Grid:
 
 
 def is_path(name: str) -> bool:
-    """Whether a policy or scene is a file; cameras and editors write the endings of scans in capitals too.
+    """Return True if a policy or scene is given as a file. Suffixes of scans may be upper case.
 
     Example:
         >>> is_path("flat.GLB"), is_path("runs/mine/policy.safetensors"), is_path("val-0")
         (True, True, False)
     """
-    return name.endswith((".safetensors", ".json")) or Path(name).suffix.lower() in SCANS
+    return name.endswith((".safetensors", ".json")) or Path(name).suffix.lower() in SCAN_SUFFIXES
 
 
 def _expand(names: Iterable[str], groups: dict[str, list[str]]) -> tuple[str, ...]:

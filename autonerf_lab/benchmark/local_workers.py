@@ -1,4 +1,4 @@
-"""Cells in processes of this machine, each with its share of threads and memory; one that hangs or grows is ended."""
+"""Run cells in worker processes on this machine, with limits on threads, memory and time per cell."""
 
 import contextlib
 import json
@@ -17,29 +17,29 @@ from autonerf_lab.benchmark.worker import Job
 from autonerf_lab.errors import DataError
 from autonerf_lab.utils.resources import cores, memory_gb, resident_gb
 
-THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-LOOK_EVERY = 0.5  # seconds between two looks at clock and memory
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+CHECK_SECONDS = 0.5  # seconds between two checks of time and memory
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What one cell may use."""
+    """Resource limits of one cell."""
 
     threads: int = 1
-    memory_gb: float | None = None  # None where the machine does not say what it has
-    seconds: float | None = 3600.0
+    memory_gb: float | None = None  # None: no limit
+    seconds: float | None = 3600.0  # None: no limit
 
 
-def share(workers: int, seconds: float | None = 3600.0, memory: float | None = None) -> Limits:
-    """What this process may use of its machine, divided among workers; a tenth of the memory is left to others.
+def limits_per_worker(workers: int, seconds: float | None = 3600.0, memory: float | None = None) -> Limits:
+    """Divide the threads and 90 % of the memory of this process among workers.
 
     Args:
-        workers: at a time.
-        seconds: of a cell.
-        memory: of a cell, GB; its share without.
+        workers: Number of workers.
+        seconds: Time limit per cell, s.
+        memory: Memory limit per cell, GB; None: an equal share.
 
     Example:
-        >>> share(10**6).threads, share(2, memory=4.0).memory_gb
+        >>> limits_per_worker(10**6).threads, limits_per_worker(2, memory=4.0).memory_gb
         (1, 4.0)
     """
     if memory is None and (whole := memory_gb()) is not None:
@@ -48,14 +48,21 @@ def share(workers: int, seconds: float | None = 3600.0, memory: float | None = N
 
 
 def run_in_processes(jobs: Iterable[Job], workers: int, limits: Limits) -> Iterator[tuple[Job, str]]:
-    """Run jobs, as many at a time as there are workers.
+    """Run jobs in parallel worker processes.
+
+    A worker is killed when its cell exceeds a limit, and replaced by a new one for the next cell.
+
+    Args:
+        jobs: Jobs to run.
+        workers: Number of worker processes.
+        limits: Limits of each worker.
 
     Yields:
-        Each job with its status, in the order in which they end. ``timeout: ...``, ``oom: ...`` and ``died: ...`` are
-        those of cells whose process was ended, or ended by itself; the next cell gets a new one.
+        Each job with its status, in the order of completion. A cell whose process was killed or died has the status
+        ``timeout: ...``, ``oom: ...`` or ``died: ...``.
 
     Raises:
-        DataError: a worker cannot go on at all: the disk is full.
+        DataError: A worker reports that no further cell can run, such as on a full disk.
     """
     waiting = iter(jobs)
     answers: queue.Queue[tuple[_Process, str]] = queue.Queue()
@@ -63,72 +70,73 @@ def run_in_processes(jobs: Iterable[Job], workers: int, limits: Limits) -> Itera
     try:
         for job in islice(waiting, workers):
             running.append(_Process(limits, answers))
-            running[-1].give(job)
-        looked = time.monotonic()
+            running[-1].submit(job)
+        checked = time.monotonic()
         while running:
-            if time.monotonic() >= looked + LOOK_EVERY:  # however many answers come in between
-                looked = time.monotonic()
+            if time.monotonic() >= checked + CHECK_SECONDS:  # independent of the rate of answers
+                checked = time.monotonic()
                 for process in running:
-                    process.look()
+                    process.check_limits()
             try:
-                process, line = answers.get(timeout=max(0.0, looked + LOOK_EVERY - time.monotonic()))
+                process, line = answers.get(timeout=max(0.0, checked + CHECK_SECONDS - time.monotonic()))
             except queue.Empty:
                 continue
             if process not in running:
-                continue  # the end of one that was stopped
+                continue  # last line of a stopped process
             yield process.job, process.status(line)
-            after = next(waiting, None)
-            if after is None or process.ended(line):
+            next_job = next(waiting, None)
+            if next_job is None or process.ended(line):
                 running.remove(process)
                 process.stop()
-            if after is not None:
+            if next_job is not None:
                 if process not in running:
                     process = _Process(limits, answers)
                     running.append(process)
-                process.give(after)
+                process.submit(next_job)
     finally:
         for process in running:
             process.stop()
 
 
 class _Process:
-    """A worker, and what it is doing."""
+    """Worker process and its current job."""
 
     job: Job
 
     def __init__(self, limits: Limits, answers: "queue.Queue[tuple[_Process, str]]") -> None:
         self.limits = limits
-        self.reason = ""  # why it was ended
+        self.reason = ""  # why the process was killed
         self.started = 0.0
         self.process = subprocess.Popen(
             [sys.executable, "-c", "from autonerf_lab.benchmark.worker import main; main()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            env=os.environ | dict.fromkeys(THREADS, str(limits.threads)),
-            start_new_session=True,  # Ctrl-C is for the one who started it
+            env=os.environ | dict.fromkeys(THREAD_VARIABLES, str(limits.threads)),
+            start_new_session=True,  # Ctrl-C must reach only the parent
         )
         threading.Thread(target=self._listen, args=(answers,), daemon=True).start()
 
-    def give(self, job: Job) -> None:
+    def submit(self, job: Job) -> None:
+        """Start a job."""
         self.job, self.started = job, time.monotonic()
         assert self.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it is dead already, which the listener says
+        with contextlib.suppress(BrokenPipeError):  # the process is dead; the listener thread reports it
             self.process.stdin.write(job.dumps())
             self.process.stdin.flush()
 
-    def look(self) -> None:
-        """End it if it takes too long or too much."""
+    def check_limits(self) -> None:
+        """Kill the process if it exceeds its time or memory limit."""
         seconds, memory = self.limits.seconds, self.limits.memory_gb
         if seconds is not None and time.monotonic() - self.started > seconds:
             self.reason = f"timeout: not finished after {seconds:g} s"
         elif memory is not None and (used := resident_gb(self.process.pid)) > memory:
-            self.reason = f"oom: {used:.1f} GB, its share is {memory:.1f}"
+            self.reason = f"oom: {used:.1f} GB used, the limit is {memory:.1f} GB"
         if self.reason:
             self.process.kill()
 
     def status(self, line: str) -> str:
-        """What an answer means; an empty one is the end of the process."""
+        """Return the status of an answer. An empty line means that the process has ended."""
         if line:
             answer = json.loads(line)
             if "stop" in answer:
@@ -138,18 +146,19 @@ class _Process:
             return self.reason
         code = self.process.wait()
         name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        hint = ", which is also what the system does when memory runs out" if name == "SIGKILL" else ""
+        hint = ", possibly by the system because memory ran out" if name == "SIGKILL" else ""
         return f"died: {name}{hint}"
 
     def ended(self, line: str) -> bool:
-        """Whether it cannot take another job: it is dead, or was ended while it gave its last answer."""
+        """Return True if the process cannot run another job: it is dead, or was killed during its last answer."""
         return not line or bool(self.reason)
 
     def stop(self) -> None:
+        """Kill the process and release its pipes."""
         self.process.kill()
         self.process.wait()
         assert self.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # what was not written to a dead process is no loss
+        with contextlib.suppress(BrokenPipeError):  # unwritten input of a dead process
             self.process.stdin.close()
 
     def _listen(self, answers: "queue.Queue[tuple[_Process, str]]") -> None:

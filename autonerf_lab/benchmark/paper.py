@@ -1,10 +1,6 @@
-"""The tables of the paper, and its figures on Gibson (Marza et al., 2023): what stands beside ours."""
+"""Tables of the paper: which metrics they have, and the published values on Gibson (Marza et al., 2023)."""
 
-from dataclasses import dataclass
-
-from autonerf_lab.evaluators.scores import PAPER
-
-Key = tuple[str, str]  # task, metric
+from autonerf_lab.evaluators.metrics import METRICS, Key, Metric, metrics_of
 
 POLICY_NAMES = {
     "frontier": "Frontier",
@@ -19,93 +15,28 @@ POLICY_NAMES = {
 }
 
 
-@dataclass(frozen=True)
-class Column:
-    """One score as a table prints it."""
-
-    task: str
-    metric: str
-    title: str
-    better: int  # 1: more is better, -1: less is
-    decimals: int = 1
-    scale: float = 1.0  # of what is printed to what is kept
-
-    @property
-    def key(self) -> Key:
-        """Of its score."""
-        return self.task, self.metric
+def _metrics(task: str, *names: str) -> tuple[Metric, ...]:
+    return tuple(METRICS[task, name] for name in names)
 
 
-_R, _M, _P, _F, _N, _T = "rendering", "maps", "planning", "pose_refinement", "navigation", "finetuning"
-PSNR, SSIM = Column(_R, "psnr", "PSNR [dB]", 1, 2), Column(_R, "ssim", "SSIM", 1, 3)
-LPIPS = Column(_R, "lpips", "LPIPS", -1, 3)
-PER_CLASS, MIOU = Column(_R, "per_class_accuracy", "Per-class acc. [%]", 1), Column(_R, "miou", "mIoU [%]", 1)
-SEMANTIC = (
-    Column(_M, "semantic_accuracy", "Sem. acc. [%]", 1),
-    Column(_M, "semantic_precision", "Sem. prec. [%]", 1),
-    Column(_M, "semantic_recall", "Sem. rec. [%]", 1),
-)
-OBJECTGOAL = (
-    Column(_P, "objectgoal_success", "ObjectGoal succ. [%]", 1),
-    Column(_P, "objectgoal_spl", "ObjectGoal SPL [%]", 1),
-)
-
-RENDERING = (PSNR, SSIM, LPIPS, PER_CLASS, MIOU, Column(_R, "depth_median_error_m", "Depth error [cm]", -1, 1, 100))
-MAPS = (
-    Column(_M, "free_accuracy", "Free acc. [%]", 1),
-    Column(_M, "free_precision", "Free prec. [%]", 1),
-    Column(_M, "free_recall", "Free rec. [%]", 1),
-    Column(_M, "occupancy_precision", "Occ. prec. 5 cm [%]", 1),
-    Column(_M, "occupancy_recall", "Occ. rec. 5 cm [%]", 1),
-    *SEMANTIC,
-    Column(_M, "semantic_precision_5cm", "Sem. prec. 5 cm [%]", 1),
-    Column(_M, "semantic_recall_5cm", "Sem. rec. 5 cm [%]", 1),
-)
-PLANNING = (
-    Column(_P, "pointgoal_success", "PointGoal succ. [%]", 1),
-    Column(_P, "pointgoal_spl", "PointGoal SPL [%]", 1),
-    *OBJECTGOAL,
-)
-POSE = (
-    Column(_F, "convergence_rate", "Conv. rate [%]", 1),
-    Column(_F, "rotation_error_deg", "Rot. error [deg]", -1, 3),
-    Column(_F, "translation_error_m", "Trans. error [mm]", -1, 2, 1000),
-)
-MESH = (
-    Column("mesh", "accuracy_m", "Accuracy [cm]", -1, 1, 100),
-    Column("mesh", "completion_m", "Completion [cm]", -1, 1, 100),
-    Column("mesh", "completion_ratio", "Completed 5 cm [%]", 1),
-    Column("mesh", "normal_consistency", "Normals", 1, 3),
-)
+RENDERING = _metrics("rendering", "psnr", "ssim", "lpips", "per_class_accuracy", "miou", "depth_median_error_m")
+PSNR, SSIM, LPIPS, PER_CLASS, MIOU, _ = RENDERING
+MAPS, PLANNING = metrics_of("maps"), metrics_of("planning")
+FREE, SEMANTIC, OBJECTGOAL = MAPS[:3], MAPS[5:8], PLANNING[2:]
+POSE = _metrics("pose_refinement", "convergence_rate", "rotation_error_deg", "translation_error_m")
+MESH = _metrics("mesh", "accuracy_m", "completion_m", "completion_ratio", "normal_consistency")
 EXPLORATION = (
-    Column("exploration", "coverage_auc", "Area [%]", 1),
-    Column("exploration", "obstacle_coverage_auc", "Obstacles [%]", 1),
-    Column("exploration", "semantic_coverage_auc", "Semantics [%]", 1),
-    Column("exploration", "viewpoint_coverage_auc", "Viewpoints [%]", 1),
-    Column("exploration", "explored_area_m2", "Explored [m²]", 1),
-    Column("exploration", "collisions", "Collisions", -1, 0),
-    Column("exploration", "path_length_m", "Path [m]", 0),
+    *(metric for metric in metrics_of("exploration") if metric.name.endswith("_auc")),
+    *_metrics("exploration", "explored_area_m2", "collisions", "path_length_m"),
 )
-NAVIGATION = (
-    Column(_N, "success", "Success, mesh [%]", 1),
-    Column(_N, "spl", "SPL, mesh [%]", 1),
-    Column(_N, "success_true_mesh", "Success, true [%]", 1),
-    Column(_N, "spl_true_mesh", "SPL, true [%]", 1),
-)
-FINETUNING = tuple(
-    Column(_T, f"{metric}_{stage}", f"{title}, {words} [%]", 1)
-    for stage, words in (
-        ("pretrained", "pre-trained"), ("finetuned", "fine-tuned"), ("finetuned_true_mesh", "in the true mesh"),
-    )
-    for metric, title in (("success", "Success"), ("spl", "SPL"))
-)  # fmt: skip
+NAVIGATION, FINETUNING = metrics_of("navigation"), metrics_of("finetuning")
 HEADLINES = (PSNR, MIOU, MAPS[2], MAPS[8], PLANNING[0], PLANNING[2], POSE[0], MESH[2])
 
 
-def _table(columns: tuple[Column, ...], rows: str, names: tuple[str, ...]) -> dict[str, dict[Key, float]]:
+def _table(metrics: tuple[Metric, ...], rows: str, names: tuple[str, ...]) -> dict[str, dict[Key, float]]:
     values = [[float(v) for v in row.split()] for row in rows.strip().splitlines()]
     return {
-        name: {c.key: v / c.scale for c, v in zip(columns, row, strict=True)}
+        name: {m.key: v / m.scale for m, v in zip(metrics, row, strict=True)}
         for name, row in zip(names, values, strict=True)
     }
 
@@ -126,7 +57,7 @@ _TABLES = (
         _POLICIES,
     ),
     _table(
-        (*MAPS[:3], *SEMANTIC),
+        (*FREE, *SEMANTIC),
         """81.2 86.9 49.9 99.7 26.6 21.0
         77.1 86.2 50.4 99.7 22.1 16.1
         81.8 90.3 50.7 99.7 19.2 12.5
@@ -164,25 +95,24 @@ _TABLES = (
         21.1 .316 7.69""",
         _POLICIES,
     ),
-    {"modular-obs": {column.key: PAPER[column.key][0] for column in (*NAVIGATION, *FINETUNING)}},  # of one policy only
+    {"modular-obs": {m.key: m.paper[0] for m in (*NAVIGATION, *FINETUNING) if m.paper}},  # measured for one policy
 )
 BY_POLICY: dict[str, dict[Key, float]] = {
     policy: {key: value for table in _TABLES for key, value in table.get(policy, {}).items()} for policy in _POLICIES
 }
 BY_MODEL = _table((PSNR, SSIM, LPIPS), "25.56 .846 .203\n24.92 .806 .279", ("semantic-nerfacto", "instant-ngp"))
-PREDICTED_COLUMNS = (PER_CLASS, MIOU, *SEMANTIC, *OBJECTGOAL)
-PREDICTED = _table(PREDICTED_COLUMNS, "65.4 61.1 99.7 14.1 8.5 6.8 6.5", ("modular-obs",))["modular-obs"]
-NOISE_COLUMNS = (*RENDERING[:5], *MAPS[:3], *SEMANTIC, *PLANNING, *POSE)
+PREDICTED_METRICS = (PER_CLASS, MIOU, *SEMANTIC, *OBJECTGOAL)
+PREDICTED = _table(PREDICTED_METRICS, "65.4 61.1 99.7 14.1 8.5 6.8 6.5", ("modular-obs",))["modular-obs"]
+NOISE_METRICS = (*RENDERING[:5], *FREE, *SEMANTIC, *PLANNING, *POSE)
 NOISE = _table(
-    NOISE_COLUMNS,
+    NOISE_METRICS,
     "20.87 .761 .264 85.4 73.6 86.8 89.8 69.6 99.7 29.9 24.1 34.5 33.8 12.9 12.4 7.9 .405 11.25",
     ("modular-obs",),
 )["modular-obs"]
 
 CORRELATED = (
     PSNR, PER_CLASS, MAPS[2], SEMANTIC[2], PLANNING[0], PLANNING[2],
-    Column(_F, "rotation_convergence_rate", "Rot. conv. rate", 1),
-    Column(_F, "translation_convergence_rate", "Trans. conv. rate", 1),
+    *_metrics("pose_refinement", "rotation_convergence_rate", "translation_convergence_rate"),
 )  # fmt: skip
 _R_OF = """
 .73 .77 .95 .48 - | - .59 .97 .60 - | .50 .75 .94 .47 - | - .47 .93 - - | - - .63 - - | - - .62 - - | .49 - .69 - - | .54 - .72 - -
@@ -190,8 +120,8 @@ _R_OF = """
 .88 .83 .96 .70 - | .48 .79 .95 .76 .48 | .73 .87 .94 .56 .64 | - .72 .91 - - | - - .66 - - | - - .66 - - | .69 - .72 - .59 | .66 - .75 .52 .65
 .83 .55 .93 .67 .55 | - .48 .87 .70 .55 | .66 - .88 .53 .69 | - .60 .80 - - | - - .60 - .53 | - - .60 - .53 | .74 - .75 - .66 | .70 - .78 .60 .81
 """  # noqa: E501
-CORRELATIONS: dict[tuple[str, Key], list[str]] = {  # reward and score -> r in each of its five scenes
-    (reward, column.key): values.split()
+CORRELATIONS: dict[tuple[str, Key], list[str]] = {  # reward and metric -> r in each of the five scenes
+    (reward, metric.key): values.split()
     for reward, row in zip(("cov", "sem", "obs", "view"), _R_OF.strip().splitlines(), strict=True)
-    for column, values in zip(CORRELATED, row.split("|"), strict=True)
+    for metric, values in zip(CORRELATED, row.split("|"), strict=True)
 }

@@ -1,4 +1,4 @@
-"""The tables of the paper for a grid: means with 95 % intervals, and the paper's figures beside them."""
+"""Tables of the paper for a grid: means with 95 % confidence intervals, beside the values of the paper."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -6,127 +6,117 @@ from statistics import median
 
 from autonerf_lab.benchmark import paper
 from autonerf_lab.benchmark.correlations import correlations
-from autonerf_lab.benchmark.paper import Column, Key
-from autonerf_lab.benchmark.results_table import Collected, Row
+from autonerf_lab.benchmark.results_table import ResultsTable, Row
 from autonerf_lab.benchmark.statistics import Interval
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.evaluators.metrics import Key, Metric
 
-SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed
-OURS = "modular-obs"  # whose walks the paper takes for what is not about policies
+SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed in the table
+OURS = "modular-obs"  # policy of the paper in experiments that do not compare policies
 REFERENCES = ("frontier", "random")
 
 
-def table(name: str, found: Collected) -> Table:
-    """A table by its name.
+def table(name: str, found: ResultsTable) -> Table:
+    """Return a table by its name.
 
     Raises:
-        UnknownNameError: lists the names.
+        UnknownNameError: lists the valid names.
     """
     if name not in TABLES:
         raise UnknownNameError("table", name, TABLES)
     return TABLES[name](found)
 
 
-def all_tables(found: Collected) -> list[Table]:
-    """Every table of the paper, in its order, and what stands beside them here."""
+def all_tables(found: ResultsTable) -> list[Table]:
+    """Return all tables, in the order of the paper."""
     return [make(found) for make in TABLES.values()]
 
 
 @dataclass(frozen=True)
 class _Policies:
-    """A table with a row a policy (and model, where there are several)."""
+    """Table with one row per policy (and model, if there are several)."""
 
     name: str
     title: str
-    columns: tuple[Column, ...]
+    metrics: tuple[Metric, ...]
     hint: str = ""
 
-    def __call__(self, found: Collected) -> Table:
+    def __call__(self, found: ResultsTable) -> Table:
         several = len({model for _, model in found.rows}) > 1
         rows = [(row, f"{row[0]}, {row[1]}" if several else row[0]) for row in found.rows]
-        return _means(found, self.name, self.title, self.columns, rows, _beside_policy, self.hint)
+        return _means(found, self.name, self.title, self.metrics, rows, _paper_values, self.hint)
 
 
-def _beside_policy(row: Row) -> dict[Key, float]:
+def _paper_values(row: Row) -> dict[Key, float]:
     return paper.BY_POLICY.get(row[0], {}) if row[1] == "semantic-nerfacto" else {}
 
 
 def _means(
-    found: Collected,
+    found: ResultsTable,
     name: str,
     title: str,
-    columns: Sequence[Column],
+    metrics: Sequence[Metric],
     rows: Sequence[tuple[Row, str]],
-    beside: Callable[[Row], dict[Key, float]],
+    paper_values: Callable[[Row], dict[Key, float]],
     hint: str = "",
 ) -> Table:
-    published = {column for column in columns if any(column.key in beside(row) for row, _ in rows)}
+    published = {metric for metric in metrics if any(metric.key in paper_values(row) for row, _ in rows)}
     header = [""]
-    for column in columns:
-        header += [column.title, "paper"] if column in published else [column.title]
-    best = {column: found.best(column, [row for row, _ in rows]) for column in columns}
+    for metric in metrics:
+        header += [metric.heading, "paper"] if metric in published else [metric.heading]
+    best = {metric: found.best(metric, [row for row, _ in rows]) for metric in metrics}
     lines = []
     for row, text in rows:
         line = [Entry(text)]
-        for column in columns:
-            line.append(Entry(_text(found, row, column), bold=best[column] == row))
-            if column in published:
-                value = beside(row).get(column.key)
-                line.append(Entry(NO_VALUE if value is None else number(value, column)))
+        for metric in metrics:
+            line.append(Entry(_text(found, row, metric), bold=best[metric] == row))
+            if metric in published:
+                value = paper_values(row).get(metric.key)
+                line.append(Entry(NO_VALUE if value is None else metric.format(value)))
         lines.append(tuple(line))
-    measured = any(found.runs(row, column.key) for row, _ in rows for column in columns)
+    measured = any(found.runs(row, metric.key) for row, _ in rows for metric in metrics)
     return Table(name, title, tuple(header), tuple(lines), "" if measured else f"Not measured yet. {hint}".strip())
 
 
-def number(value: float, column: Column) -> str:
-    """A score as its column prints it.
-
-    Example:
-        >>> number(0.00765, paper.POSE[2])
-        '7.65'
-    """
-    return f"{value * column.scale:.{column.decimals}f}"
-
-
-def spread(found: Interval, column: Column) -> str:
-    """A mean and its interval as a column prints them; a single scene has none.
+def spread(found: Interval, metric: Metric) -> str:
+    """Format a mean and its confidence interval; a single scene has no interval.
 
     Example:
         >>> spread(Interval(25.5, 0.25, 5), paper.PSNR), spread(Interval(25.5, float("nan"), 1), paper.PSNR)
         ('25.50 ± 0.25', '25.50')
     """
-    mean = number(found.mean, column)
-    return mean if found.scenes == 1 else f"{mean} ± {number(found.half, column)}"
+    mean = metric.format(found.mean)
+    return mean if found.scenes == 1 else f"{mean} ± {metric.format(found.half_width)}"
 
 
-def _text(found: Collected, row: Row, column: Column) -> str:
-    mean = found.interval(row, column.key)
-    nulls = found.nulls(row, column.key)
+def _text(found: ResultsTable, row: Row, metric: Metric) -> str:
+    mean = found.interval(row, metric.key)
+    nulls = found.null_share(row, metric.key)
     if mean is None:
         return "null" if nulls else NO_VALUE
-    return spread(mean, column) + (f" ({100 * nulls:.0f} % null)" if nulls > SHOWN_NULLS else "")
+    return spread(mean, metric) + (f" ({100 * nulls:.0f} % null)" if nulls > SHOWN_NULLS else "")
 
 
-def _variants(found: Collected) -> Table:
+def _variants(found: ResultsTable) -> Table:
     policies = [policy for policy, _ in found.rows]
     policy = OURS if OURS in policies else policies[0]
     first, *others = (row for row in found.rows if row[0] == policy)
     rows = [(row, f"{row[1]}, {policy}") for row in (first, *others)]
-    title = "NeRF variants on the same walks; differences are paired by scene and start, in bold where clear of zero"
+    title = "NeRF models on the same trajectories; differences are paired by scene and start, bold if significant"
     made = _means(found, "variants", title, paper.RENDERING, rows, lambda row: paper.BY_MODEL.get(row[1], {}))
     if not others:
-        return made if made.note else made.noted("One model only: add others with --models.")
+        return made if made.note else made.noted("One model only; add others with --models.")
     lines = []
     for row in others:
         differences = (difference_entry(found.difference(row, first, c.key), c) for c in paper.RENDERING)
-        # a column that the paper has beside it is followed by one without a value: the paper has no paired differences
-        beside = (Entry(NO_VALUE) if title == "paper" else next(differences) for title in made.header[1:])
-        lines.append((Entry(f"{row[1]} − {first[1]}, {policy}"), *beside))
+        # the column "paper" has no values here: the paper has no paired differences
+        entries = (Entry(NO_VALUE) if title == "paper" else next(differences) for title in made.header[1:])
+        lines.append((Entry(f"{row[1]} − {first[1]}, {policy}"), *entries))
     return replace(made, rows=(*made.rows, *lines))
 
 
-def _differences(found: Collected) -> Table:
+def _differences(found: ResultsTable) -> Table:
     several = len({model for _, model in found.rows}) > 1
     pairs = [
         (row, (reference, row[1]))
@@ -134,107 +124,111 @@ def _differences(found: Collected) -> Table:
         for row in found.rows
         if row[0] not in ("random", reference) and (reference in REFERENCES or row[0].startswith("modular-"))
     ]
-    pairs = [(row, other) for row, other in pairs if other in found.places]
+    pairs = [(row, other) for row, other in pairs if other in found.episodes]
     lines = [
         difference_line(found, row, other, f"{row[0]} − {other[0]}" + several * f", {row[1]}") for row, other in pairs
     ]
-    note = power(found, pairs) if lines else "Nothing to compare with: no frontier, random or end-to-end policy."
-    header = ("", *(column.title for column in paper.HEADLINES))
-    title = "Paired differences by scene and start; in bold where the interval does not hold zero"
+    note = power(found, pairs) if lines else "No frontier, random or end-to-end policy to compare with."
+    header = ("", *(metric.heading for metric in paper.HEADLINES))
+    title = "Differences paired by scene and start; bold if the interval excludes zero"
     return Table("differences", title, header, tuple(lines), note)
 
 
-def power(found: Collected, pairs: Sequence[tuple[Row, Row]]) -> str:
-    """What the intervals of some differences could have told: half their width, the median over the pairs.
+def power(found: ResultsTable, pairs: Sequence[tuple[Row, Row]]) -> str:
+    """Describe the statistical power: the median half width of the intervals of some differences, by metric.
+
+    Args:
+        found: results of a grid.
+        pairs: rows whose differences are taken.
 
     Returns:
-        A sentence; empty where no pair has two scenes.
+        A sentence; empty if no pair has two scenes.
     """
-    words, scenes = [], 0
-    for column in paper.HEADLINES:
-        made = [found.difference(row, other, column.key) for row, other in pairs]
+    parts, scenes = [], 0
+    for metric in paper.HEADLINES:
+        made = [found.difference(row, other, metric.key) for row, other in pairs]
         sure = [d for d in made if d is not None and d.scenes > 1]
         if sure:
             scenes = max(scenes, *(d.scenes for d in sure))
-            words.append(f"{column.title} {number(median(d.half for d in sure), column)}")
-    return f"Smallest difference that {scenes} scenes could tell (median): {', '.join(words)}." if words else ""
+            parts.append(f"{metric.heading} {metric.format(median(d.half_width for d in sure))}")
+    return f"Smallest detectable difference with {scenes} scenes (median): {', '.join(parts)}." if parts else ""
 
 
-def difference_line(found: Collected, row: Row, other: Row, text: str) -> tuple[Entry, ...]:
-    """How much more, score by score."""
-    made = [found.difference(row, other, column.key) for column in paper.HEADLINES]
+def difference_line(found: ResultsTable, row: Row, other: Row, text: str) -> tuple[Entry, ...]:
+    """Return a line of differences, ``row`` minus ``other``, for the headline metrics."""
+    made = [found.difference(row, other, metric.key) for metric in paper.HEADLINES]
     return (Entry(text), *(difference_entry(d, c) for d, c in zip(made, paper.HEADLINES, strict=True)))
 
 
-def difference_entry(found: Interval | None, column: Column) -> Entry:
-    """Bold where the interval does not hold zero."""
+def difference_entry(found: Interval | None, metric: Metric) -> Entry:
+    """Format a difference; bold if its interval excludes zero."""
     if found is None:
         return Entry(NO_VALUE)
     sign = "+" if found.mean >= 0 else ""
-    return Entry(sign + spread(found, column), bold=found.clear)
+    return Entry(sign + spread(found, metric), bold=found.excludes_zero)
 
 
 def _conditions(
-    found: Collected,
+    found: ResultsTable,
     name: str,
     title: str,
-    columns: Sequence[Column],
+    metrics: Sequence[Metric],
     changed: dict[Key, float],
-    words: tuple[str, str],
-    why: str,
+    conditions: tuple[str, str],
+    note: str,
 ) -> Table:
-    """A table with a row a score, and the two conditions beside each other."""
+    """Return a table with one row per metric, and two conditions side by side."""
     row = next((row for row in found.rows if row[0] == OURS), found.rows[0])
     lines = []
-    for column in columns:
-        plain = paper.BY_POLICY[OURS].get(column.key)
+    for metric in metrics:
+        plain = paper.BY_POLICY[OURS].get(metric.key)
         lines.append(
             (
-                Entry(f"{column.task.replace('_', ' ')}: {column.title}"),
-                Entry(_text(found, row, column)),
-                Entry(NO_VALUE if plain is None else number(plain, column)),
+                Entry(f"{metric.task.replace('_', ' ')}: {metric.heading}"),
+                Entry(_text(found, row, metric)),
+                Entry(NO_VALUE if plain is None else metric.format(plain)),
                 Entry(NO_VALUE),
-                Entry(number(changed[column.key], column)),
+                Entry(metric.format(changed[metric.key])),
             )
         )
-    header = (row[0], words[0], "paper", words[1], "paper")
-    return Table(name, title, header, tuple(lines), why)
+    header = (row[0], conditions[0], "paper", conditions[1], "paper")
+    return Table(name, title, header, tuple(lines), note)
 
 
-def _semantics(found: Collected) -> Table:
+def _semantics(found: ResultsTable) -> Table:
     title = "Semantics of the simulator and predicted semantics"
-    why = "Predicted semantics: not measured; cells take their classes from the simulator."
-    words = ("simulator", "predicted")
-    return _conditions(found, "semantics", title, paper.PREDICTED_COLUMNS, paper.PREDICTED, words, why)
+    note = "Predicted semantics: not measured; cells use the semantics of the simulator."
+    conditions = ("simulator", "predicted")
+    return _conditions(found, "semantics", title, paper.PREDICTED_METRICS, paper.PREDICTED, conditions, note)
 
 
-def _noise(found: Collected) -> Table:
-    why = "With noise: not measured; cells walk without."
+def _noise(found: ResultsTable) -> Table:
+    note = "With noise: not measured; cells run without noise."
     return _conditions(
-        found, "noise", "Sensor and actuation noise", paper.NOISE_COLUMNS, paper.NOISE, ("without", "with"), why
+        found, "noise", "Sensor and actuation noise", paper.NOISE_METRICS, paper.NOISE, ("without", "with"), note
     )
 
 
-TABLES: dict[str, Callable[[Collected], Table]] = {
-    "rendering": _Policies("rendering", "Rendering from poses all over the apartment", paper.RENDERING),
-    "maps": _Policies("maps", "Maps: free space, obstacles within 5 cm, objects", paper.MAPS),
+TABLES: dict[str, Callable[[ResultsTable], Table]] = {
+    "rendering": _Policies("rendering", "Rendering from test poses in the whole apartment", paper.RENDERING),
+    "maps": _Policies("maps", "Maps: free space, obstacles, object classes", paper.MAPS),
     "planning": _Policies("planning", "Planning on the maps of the field", paper.PLANNING),
     "pose_refinement": _Policies("pose_refinement", "Pose refinement", paper.POSE),
-    "mesh": _Policies("mesh", "The mesh, where the walk saw it", paper.MESH),
-    "exploration": _Policies("exploration", "Exploration: areas under the curves of coverage", paper.EXPLORATION),
+    "mesh": _Policies("mesh", "Mesh, compared with the seen parts of the scene", paper.MESH),
+    "exploration": _Policies("exploration", "Exploration: mean coverage over the steps", paper.EXPLORATION),
     "differences": _differences,
     "variants": _variants,
     "navigation": _Policies(
         "navigation",
         "Navigation in the mesh and in the true scene",
         paper.NAVIGATION,
-        "--optional navigation asks for it.",
+        "Add it with --optional navigation.",
     ),
     "finetuning": _Policies(
         "finetuning",
         "Fine-tuning a PointGoal policy in the mesh",
         paper.FINETUNING,
-        "--optional finetuning asks for it.",
+        "Add it with --optional finetuning.",
     ),
     "correlations": correlations,
     "semantics": _semantics,

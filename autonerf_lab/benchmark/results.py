@@ -1,10 +1,14 @@
-"""A results folder: what grid it is of, a JSON for each cell, and nothing that a kill could leave half-written.
+"""Results folder: the grid and one JSON file per cell. All files are written atomically.
 
-grid.json            what was asked for
-cells/CELL.json      status, seconds, and a row for each score
-pictures/CELL_*.webp what the report shows
-scenes/              what there is to see in each scene, computed once
-work/CELL/           a cell that is not finished: its run folder and its log
+::
+
+    grid.json           fingerprint of the grid
+    cells/CELL.json     status, times and scores of a cell
+    figures/CELL_*.webp figures for the report
+    scenes/             visible area of each scene, computed once
+    work/CELL/          run folder of an unfinished cell
+    work/CELL.log       log of an unfinished cell
+    runs/CELL/          run folder of a cell, only with --save-runs
 """
 
 import shutil
@@ -14,89 +18,89 @@ from pathlib import Path
 from typing import Any
 
 from autonerf_lab import __version__
-from autonerf_lab.benchmark.fingerprint import LPIPS, differences, identity
+from autonerf_lab.benchmark.fingerprint import LPIPS, differences, grid_fingerprint
 from autonerf_lab.benchmark.grid import Cell, Grid
 from autonerf_lab.errors import DataError, RunFolderError
-from autonerf_lab.pipeline.run_folder import nothing_but
+from autonerf_lab.pipeline.run_folder import is_empty_except
 from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
 
 FORMAT_VERSION = 1
 OK = "ok"
-RETRY = ("failed", "timeout", "oom", "died")  # the first words of what is not ok
-LONGEST = 300  # letters of a status
+RETRY = ("failed", "timeout", "oom", "died")  # first word of the status of a cell without scores
+MAX_LENGTH = 300  # characters of a status
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a cell."""
+    """Outcome of a cell."""
 
     cell: Cell
-    status: str  # "ok", or a word and the reason: "failed: ...", "timeout: ...", "oom: ...", "died: ..."
+    status: str  # "ok", or a word of RETRY and the reason, such as "failed: ..."
     scores: tuple[Score, ...] = ()
-    stages: dict[str, dict[str, Any]] | None = None  # seconds and memory of each, of a cell that is finished
-    curves: dict[str, list[float]] | None = None  # shares of what is visible, over the walk
+    stages: dict[str, dict[str, Any]] | None = None  # name -> {seconds, peak_gb}, of a finished cell
+    curves: dict[str, list[float]] | None = None  # name -> % of the visible total over the episode
 
     def __post_init__(self) -> None:
-        """An error may say many lines, and tables show one: it is cut to a line, of letters that can be shown."""
-        text = " ".join("".join(letter if letter.isprintable() else " " for letter in self.status).split())
-        object.__setattr__(self, "status", text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}...")
+        """Reduce the status to one line of printable characters of limited length."""
+        text = " ".join("".join(c if c.isprintable() else " " for c in self.status).split())
+        object.__setattr__(self, "status", text if len(text) <= MAX_LENGTH else f"{text[: MAX_LENGTH - 3]}...")
 
     @property
     def finished(self) -> bool:
-        """Whether it has scores."""
+        """True if the cell has scores."""
         return self.status == OK
 
-    def runs_again(self, retry: Iterable[str]) -> bool:
-        """Whether words of ``RETRY`` ask for it to be run again; ``failed`` does for whatever is not ok.
+    def should_retry(self, retry: Iterable[str]) -> bool:
+        """Return True if the cell must run again; ``failed`` in ``retry`` selects all cells that are not ok.
 
         Example:
             >>> ended = Outcome(Cell("random", "val-0", 0, "instant-ngp", "smoke"), "timeout: 9 s")
-            >>> ended.runs_again(["failed"]), ended.runs_again(["timeout"]), ended.runs_again(["oom"])
+            >>> ended.should_retry(["failed"]), ended.should_retry(["timeout"]), ended.should_retry(["oom"])
             (True, True, False)
         """
         return not self.finished and bool({"failed", self.status.split(":")[0]} & set(retry))
 
     @property
     def seconds(self) -> float:
-        """Of all its stages."""
+        """Total time of all stages, seconds."""
         return sum(float(row["seconds"]) for row in (self.stages or {}).values())
 
 
 class Results:
-    """The folder. :func:`open_results` begins one, :func:`load_results` reads one."""
+    """Results folder. Create it with :func:`open_results` or :func:`load_results`."""
 
-    def __init__(self, path: Path, grid: Grid, kept: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, path: Path, grid: Grid, fingerprint: Mapping[str, Any] | None = None) -> None:
         self.path = path
         self.grid = grid
-        self.identity: Mapping[str, Any] = kept or {}  # see :mod:`.identity`
+        self.fingerprint: Mapping[str, Any] = fingerprint or {}  # see :func:`.grid_fingerprint`
 
     @property
     def lpips(self) -> str | None:
-        """SHA-256 of the weights of LPIPS; None where it is not measured."""
-        return (self.identity.get("weights") or {}).get(LPIPS)
+        """SHA-256 of the LPIPS weights; None if LPIPS is not computed."""
+        return (self.fingerprint.get("weights") or {}).get(LPIPS)
 
-    def file(self, cell: Cell) -> Path:
-        """Where the outcome of a cell goes."""
+    def cell_file(self, cell: Cell) -> Path:
+        """Return the path of the outcome of a cell."""
         return self.path / "cells" / f"{cell.name}.json"
 
-    def work(self, cell: Cell) -> Path:
-        """Where it is worked on."""
+    def work_folder(self, cell: Cell) -> Path:
+        """Return the folder of an unfinished cell."""
         return self.path / "work" / cell.name
 
-    def kept(self, cell: Cell) -> Path:
-        """Its run folder, where it is kept."""
+    def saved_run(self, cell: Cell) -> Path:
+        """Return the path of the saved run folder of a cell."""
         return self.path / "runs" / cell.name
 
-    def log(self, cell: Cell) -> Path:
-        """What it printed."""
+    def log_file(self, cell: Cell) -> Path:
+        """Return the path of the log of a cell."""
         return self.path / "work" / f"{cell.name}.log"
 
     def write(self, outcome: Outcome) -> None:
-        """Keep what became of a cell.
+        """Write the outcome of a cell.
 
         Raises:
-            DataError: no space is left, or no permission.
+            DataError: The disk is full, or the folder is not writable.
         """
         content = {
             "version": FORMAT_VERSION,
@@ -106,123 +110,123 @@ class Results:
             "curves": outcome.curves,
             "scores": [asdict(row) for row in outcome.scores],
         }
-        storage.write_json(self.file(outcome.cell), content)
+        storage.write_json(self.cell_file(outcome.cell), content)
 
     def read(self, cell: Cell) -> Outcome | None:
-        """What became of a cell; None when nothing did yet.
+        """Return the outcome of a cell; None if it has none yet.
 
         Raises:
-            DataError: the file is damaged; names it and the way out.
+            DataError: The file is damaged.
         """
-        path = self.file(cell)
+        path = self.cell_file(cell)
         if not path.exists():
             return None
         content = storage.read_json(path)
         try:
             rows = tuple(Score(**row) for row in content["scores"])
-            cell_kept, status = Cell(**content["cell"]), str(content["status"])
-            outcome = Outcome(cell_kept, status, rows, content["stages"], content["curves"])
+            stored, status = Cell(**content["cell"]), str(content["status"])
+            outcome = Outcome(stored, status, rows, content["stages"], content["curves"])
         except (KeyError, TypeError) as error:
-            raise DataError(f"{path} is damaged ({error!r}); remove it, and the cell is run again") from error
+            raise DataError(f"{path} is damaged ({error!r}); remove it to run the cell again") from error
         if outcome.cell != cell:
-            raise DataError(f"{path} is about another cell; remove it, and the cell is run again")
+            raise DataError(f"{path} holds another cell; remove it to run the cell again")
         return outcome
 
     def outcomes(self) -> list[Outcome]:
-        """Of all cells that have one, in the order of the grid."""
+        """Return the outcomes of all cells that have one, in the order of the grid."""
         return [outcome for cell in self.grid.cells() if (outcome := self.read(cell)) is not None]
 
     def discard(self, outcomes: Iterable[Outcome]) -> None:
-        """Forget what became of some cells, so that they run again.
+        """Remove outcomes, so that their cells run again.
 
-        One that failed begins anew, because what it left may be the reason; one that was ended goes on.
+        A failed cell starts from scratch, because its files may be the reason. Other cells continue.
         """
         for outcome in outcomes:
             if outcome.status.startswith("failed"):
-                shutil.rmtree(self.work(outcome.cell), ignore_errors=True)
-                shutil.rmtree(self.kept(outcome.cell), ignore_errors=True)
-            self.file(outcome.cell).unlink(missing_ok=True)
+                shutil.rmtree(self.work_folder(outcome.cell), ignore_errors=True)
+                shutil.rmtree(self.saved_run(outcome.cell), ignore_errors=True)
+            self.cell_file(outcome.cell).unlink(missing_ok=True)
 
-    def tidy(self) -> None:
-        """Remove what a killed run left behind and nobody needs: work on finished cells, files cut off in writing."""
-        for name in ("", "cells", "pictures", "scenes"):
-            for file in storage.cut_off(self.path / name):
+    def clean_up(self) -> None:
+        """Remove work folders of finished cells and temporary files of interrupted writes."""
+        for name in ("", "cells", "figures", "scenes"):
+            for file in storage.interrupted_writes(self.path / name):
                 file.unlink(missing_ok=True)
         for outcome in self.outcomes():
             if outcome.finished:
-                self.log(outcome.cell).unlink(missing_ok=True)
-                shutil.rmtree(self.work(outcome.cell), ignore_errors=True)
+                self.log_file(outcome.cell).unlink(missing_ok=True)
+                shutil.rmtree(self.work_folder(outcome.cell), ignore_errors=True)
 
 
 def open_results(path: str | Path, grid: Grid, lpips: str | None = None) -> Results:
-    """Begin a results folder in a new or empty place, or go on with one of the same grid.
+    """Start a results folder in a new or empty folder, or continue one of the same grid.
 
     Args:
-        path: of the folder.
-        grid: checked.
-        lpips: SHA-256 of the weights of LPIPS, where it is to be measured.
+        path: Results folder.
+        grid: Validated grid, see :meth:`Grid.checked`.
+        lpips: SHA-256 of the LPIPS weights; None: LPIPS is not computed.
 
     Raises:
-        RunFolderError: the folder holds another grid, another version's, or files of nobody knows whom.
-        DataError: ``grid.json`` is damaged, or cannot be written.
+        RunFolderError: The folder holds another grid, results of another version, or other files.
+        DataError: ``grid.json`` is damaged or cannot be written.
     """
-    path, asked = Path(path), identity(grid, lpips)
+    path, fingerprint = Path(path), grid_fingerprint(grid, lpips)
     if (path / "grid.json").exists():
-        found = differences(_read_header(path, to_run=True), asked)
+        found = differences(_read_fingerprint(path, to_run=True), fingerprint)
         if found:
             raise RunFolderError(f"{path} holds the results of another grid ({'; '.join(found)}); choose another --out")
-    elif not nothing_but(path, "grid.json"):
+    elif not is_empty_except(path, "grid.json"):
         raise RunFolderError(f"{path} holds files but no grid.json: not a results folder; choose another --out")
     else:
-        storage.write_json(path / "grid.json", {"version": FORMAT_VERSION, "package": __version__, "grid": asked})
-    return Results(path, grid, asked)
+        storage.write_json(path / "grid.json", {"version": FORMAT_VERSION, "package": __version__, "grid": fingerprint})
+    return Results(path, grid, fingerprint)
 
 
 def load_results(path: str | Path, to_run: bool = False) -> Results:
-    """The results that ``path`` holds.
+    """Load the results in the folder ``path``.
 
     Args:
-        path: of the folder.
-        to_run: somebody will add to them, which only the version of the package that began them may.
+        path: Results folder.
+        to_run: Results will be added, which requires the same version of the package.
 
     Raises:
-        RunFolderError: none, of another format, or another version's that we would add to.
+        RunFolderError: The folder holds no results, another format, or (with ``to_run``) results of another version.
         DataError: ``grid.json`` is damaged.
 
     Example:
         >>> load_results("/nowhere")
         Traceback (most recent call last):
         autonerf_lab.errors.RunFolderError: /nowhere holds no results (no grid.json); \
-`autonerf-lab bench run` makes some
+create them with `autonerf-lab bench run`
     """
     path = Path(path)
     if not (path / "grid.json").exists():
-        raise RunFolderError(f"{path} holds no results (no grid.json); `autonerf-lab bench run` makes some")
-    kept = _read_header(path, to_run)
+        raise RunFolderError(f"{path} holds no results (no grid.json); create them with `autonerf-lab bench run`")
+    fingerprint = _read_fingerprint(path, to_run)
     try:
-        known: dict[str, Any] = {f.name: kept[f.name] for f in fields(Grid)}
+        known: dict[str, Any] = {f.name: fingerprint[f.name] for f in fields(Grid)}
         for name in ("policies", "scenes", "models", "optional"):
             known[name] = tuple(known[name])
         grid = Grid(**known)
         grid.cells()
     except (KeyError, TypeError) as error:
-        raise DataError(f"{path / 'grid.json'} is damaged ({error!r}); begin another results folder") from error
-    return Results(path, grid, kept)
+        raise DataError(f"{path / 'grid.json'} is damaged ({error!r}); start another results folder") from error
+    return Results(path, grid, fingerprint)
 
 
-def _read_header(path: Path, to_run: bool) -> dict[str, Any]:
+def _read_fingerprint(path: Path, to_run: bool) -> dict[str, Any]:
     content = storage.read_json(path / "grid.json")
     version, package = content.get("version"), content.get("package")
     if version != FORMAT_VERSION:
         raise RunFolderError(
-            f"{path} is of format {version}, made by autonerf-lab {package}; this is {__version__} and reads format "
+            f"{path} has format {version}, made by autonerf-lab {package}; this is {__version__}, which reads format "
             f"{FORMAT_VERSION}"
         )
     if to_run and package != __version__:
         raise RunFolderError(
-            f"{path} was made by autonerf-lab {package}, this is {__version__}: scores may differ, so that it can be "
-            "read but not gone on with; choose another --out"
+            f"{path} was made by autonerf-lab {package}, this is {__version__}: scores may differ, so it can be read "
+            "but not continued; choose another --out"
         )
     if not isinstance(content.get("grid"), dict):
-        raise DataError(f"{path / 'grid.json'} is damaged (no grid); begin another results folder")
+        raise DataError(f"{path / 'grid.json'} is damaged (no grid); start another results folder")
     return content["grid"]

@@ -1,4 +1,4 @@
-"""Run a grid: here, in processes of this machine, or on a cluster, by the same call."""
+"""Run a grid: in this process, in worker processes of this machine, or on a cluster."""
 
 import contextlib
 import os
@@ -7,14 +7,14 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from autonerf_lab.benchmark.grid import Cell, Grid
-from autonerf_lab.benchmark.local_workers import Limits, run_in_processes, share
+from autonerf_lab.benchmark.local_workers import Limits, limits_per_worker, run_in_processes
 from autonerf_lab.benchmark.results import OK, RETRY, Outcome, Results, open_results
 from autonerf_lab.benchmark.worker import RUN_CELL, Job
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.pipeline.run_folder import locked
 
 HOUR = 3600.0
-PATIENCE = 15.0  # seconds for which a network file system may show us the past
+FILE_TIMEOUT = 15.0  # seconds; a network file system may show a new file late
 
 
 def run_grid(
@@ -25,40 +25,41 @@ def run_grid(
     timeout: float | None = None,
     memory_gb: float | None = None,
     retry: Iterable[str] = (),
-    keep: bool = False,
+    save_runs: bool = False,
     function: str = RUN_CELL,
     lpips: str | Path | None = None,
 ) -> Results:
-    """Run the cells of a grid that have no outcome yet, and say what became of each.
+    """Run the cells of a grid that have no outcome yet, and print the status of each.
 
-    Killed at any moment, the same call goes on with the cells that are not finished, each from its last finished
-    stage.
+    After an interruption, the same call continues with the unfinished cells, each after its last finished stage.
 
     Args:
-        grid: its names are checked before anything starts.
-        out: the results folder.
-        workers: processes, which divide threads and memory among them; 0 runs the cells in this process, where nothing
-            can end one that hangs.
-        scheduler: the address of a scheduler of dask.distributed, whose workers run the cells instead.
-        timeout: seconds a cell; an hour without, twelve with fine-tuning.
-        memory_gb: a cell may hold; its share of the machine without.
-        retry: outcomes to forget first: ``failed`` for all that are not ok, or words of ``RETRY``.
-        keep: leave the run folder of each cell in ``runs/``.
-        function: what runs a cell, ``module:name``.
-        lpips: the file of its weights, which all workers see; it is not measured without.
+        grid: Grid; validated before the first cell runs.
+        out: Results folder.
+        workers: Number of worker processes, which share threads and memory. 0: run in this process, without limits.
+        scheduler: Address of a dask.distributed scheduler whose workers run the cells instead.
+        timeout: Time limit per cell, s; None: see :func:`default_timeout`.
+        memory_gb: Memory limit per cell, GB; None: an equal share of the memory.
+        retry: Statuses of cells to run again, from ``RETRY``; ``failed`` selects all cells that are not ok.
+        save_runs: Save the run folder of each cell in ``runs/``.
+        function: Function that runs a cell, ``module:name``.
+        lpips: File of the LPIPS weights, readable by all workers; None: LPIPS is not computed.
+
+    Returns:
+        Results of the grid.
 
     Raises:
-        UnknownNameError: a name in the grid.
-        WrongTypeError: a field of the grid is not what it should be.
-        RunFolderError: ``out`` holds other results, or another process is at work there.
-        DataError: a number that cannot be; weights of LPIPS that are not; the disk is full, or the scheduler was lost.
-            What is finished stays.
-        MissingPackageError: a scheduler, without the extra ``cluster``.
+        UnknownNameError: A name in the grid or in ``retry`` does not exist.
+        WrongTypeError: A field of the grid has the wrong type.
+        RunFolderError: ``out`` holds other results, or another process uses it.
+        DataError: A value is out of range, the LPIPS weights are invalid, the disk is full, or the connection to the
+            scheduler was lost. Outcomes of finished cells are saved.
+        MissingPackageError: A scheduler needs the extra ``cluster``.
 
     Example::
 
         results = run_grid(Grid(("random", "frontier"), ("val",), starts=2), "runs/bench", workers=2)
-        print(table("rendering", collect(results)).markdown())
+        print(table("rendering", load_results_table(results)).markdown())
     """
     grid, retry = grid.checked(), tuple(retry)
     for word in retry:
@@ -66,7 +67,7 @@ def run_grid(
             raise UnknownNameError("status to retry", word, RETRY)
     if type(workers) is not int or workers < 0:
         raise DataError(f"workers must be a whole number, 0 or more, not {workers!r}")
-    seconds = timeout_of(grid) if timeout is None else timeout
+    seconds = default_timeout(grid) if timeout is None else timeout
     for name, value in (("timeout", seconds), ("memory_gb", memory_gb)):
         if value is not None and not value > 0:
             raise DataError(f"{name} must be more than 0, not {value}")
@@ -75,27 +76,29 @@ def run_grid(
     path = Path(out).resolve()
     with locked(path):
         results = open_results(path, grid, sha256)
-        results.tidy()
-        results.discard([outcome for outcome in results.outcomes() if outcome.runs_again(retry)])
+        results.clean_up()
+        results.discard([outcome for outcome in results.outcomes() if outcome.should_retry(retry)])
         cells = [cell for cell in grid.cells() if results.read(cell) is None]
         total = len(grid.cells())
-        print(f"{total} cells, {total - len(cells)} finished before", flush=True)
-        jobs = [Job(cell, str(path), keep, function, weights) for cell in cells]
+        print(f"{total} cells, {total - len(cells)} already finished", flush=True)
+        jobs = [Job(cell, str(path), save_runs, function, weights) for cell in cells]
         for count, (job, status) in enumerate(
             _run(jobs, workers, scheduler, seconds, memory_gb), total - len(jobs) + 1
         ):
-            _settle(results, job.cell, status)
+            _record(results, job.cell, status)
             print(f"{count:>{len(str(total))}}/{total} {job.cell.name:<50} {status}", flush=True)
-        results.tidy()
+        results.clean_up()
     return results
 
 
-def timeout_of(grid: Grid) -> float:
-    """Seconds after which a cell of a grid is given up, where nobody says more.
+def default_timeout(grid: Grid) -> float:
+    """Return the default time limit per cell, s: 1 h, with fine-tuning 12 h.
 
     Example:
-        >>> timeout_of(Grid(("random",), ("val",))), timeout_of(Grid(("random",), ("val",), optional=("finetuning",)))
-        (3600.0, 43200.0)
+        >>> default_timeout(Grid(("random",), ("val",)))
+        3600.0
+        >>> default_timeout(Grid(("random",), ("val",), optional=("finetuning",)))
+        43200.0
     """
     return 12 * HOUR if "finetuning" in grid.optional else HOUR
 
@@ -108,28 +111,28 @@ def _run(
 
         return run_on_cluster(jobs, scheduler, Limits(0, memory_gb, seconds))
     if workers:
-        return run_in_processes(jobs, workers, share(workers, seconds, memory_gb))
+        return run_in_processes(jobs, workers, limits_per_worker(workers, seconds, memory_gb))
     return ((job, job.run()) for job in jobs)
 
 
 def _checked_weights(file: str) -> str:
-    from autonerf_lab.evaluators.lpips import Lpips  # torch: not for grids that do not measure it
+    from autonerf_lab.evaluators.lpips import Lpips  # imports torch
 
     return Lpips(file).sha256
 
 
-def _settle(results: Results, cell: Cell, status: str) -> None:
-    """A cell whose process was ended has written nothing: that is its outcome. One that is ok has, or it is not."""
-    file = results.file(cell)
-    until = time.monotonic() + (PATIENCE if status == OK else 0.0)
+def _record(results: Results, cell: Cell, status: str) -> None:
+    """Write the outcome of a cell whose process was killed, and check that a finished cell has written its own."""
+    file = results.cell_file(cell)
+    until = time.monotonic() + (FILE_TIMEOUT if status == OK else 0.0)
     while results.read(cell) is None:
         if time.monotonic() < until:
             time.sleep(0.2)
-            with contextlib.suppress(OSError):  # NFS remembers that a file was not there, until its folder is read
+            with contextlib.suppress(OSError):  # NFS caches the absence of a file until its folder is read
                 os.listdir(file.parent)
         elif status == OK:
             raise DataError(
-                f"a worker has finished {cell.name}, but {file} is not there: every worker must see the folder "
+                f"a worker has finished {cell.name}, but {file} does not exist: all workers must share the folder "
                 f"{results.path}"
             )
         else:

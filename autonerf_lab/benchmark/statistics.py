@@ -1,7 +1,7 @@
-"""Intervals: scenes differ more than runs, so that a scene is one sample, however many runs it has.
+"""Confidence intervals of mean scores. The sample is the scene: the runs in one scene are not independent.
 
-Taking all runs for independent makes intervals far too narrow: with 5 scenes of 5 starts, an interval that says 95 %
-then holds the truth in little more than half of all cases.
+Treating all runs as independent samples makes the intervals far too narrow: with 5 scenes and 5 starts per scene, a
+nominal 95 % interval then contains the true mean in little more than half of all cases.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,35 +10,35 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-Runs = Mapping[str, Sequence[float]]  # scene -> one value a start
+Runs = Mapping[str, Sequence[float]]  # scene -> one value per start
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean over scenes, and what it is uncertain by."""
+    """Mean over scenes with its confidence interval."""
 
     mean: float
-    half: float  # of the width of the interval; nan for a single scene
-    scenes: int
+    half_width: float  # of the interval; nan for a single scene
+    scenes: int  # number of scenes
 
     @property
-    def clear(self) -> bool:
-        """Zero lies outside."""
-        return abs(self.mean) > self.half
+    def excludes_zero(self) -> bool:
+        """True if zero lies outside the interval."""
+        return abs(self.mean) > self.half_width
 
     def __str__(self) -> str:
-        return f"{self.mean:.1f} ± {self.half:.1f}"
+        return f"{self.mean:.1f} ± {self.half_width:.1f}"
 
 
 def interval(runs: Runs, level: float = 0.95) -> Interval:
-    """Student's t on the means of scenes.
+    """Return the mean of the scene means and its Student's t interval.
 
     Args:
-        runs: of every scene.
-        level: share of the cases in which the interval holds the mean over all scenes there could be.
+        runs: Values of all runs by scene.
+        level: Confidence level.
 
     Raises:
-        ValueError: a scene has no run, or there is no scene.
+        ValueError: A scene has no run, or there is no scene.
 
     Example:
         >>> print(interval({"a": [1.0, 3.0], "b": [2.0], "c": [3.0]}))
@@ -55,10 +55,10 @@ def interval(runs: Runs, level: float = 0.95) -> Interval:
 
 
 def difference(runs: Runs, others: Runs, level: float = 0.95) -> Interval:
-    """How much more than others, paired by scene and start.
+    """Return the interval of the differences ``runs - others``, paired by scene and start.
 
     Raises:
-        ValueError: not the same scenes and starts.
+        ValueError: The scenes or the numbers of starts differ.
 
     Example:
         >>> print(difference({"a": [1.0, 3.0], "b": [9.0, 8.0]}, {"a": [0.0, 2.0], "b": [8.0, 7.0]}))

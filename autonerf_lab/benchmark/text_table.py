@@ -1,4 +1,4 @@
-"""A table as text: Markdown, LaTeX and HTML."""
+"""Tables, and their Markdown, LaTeX and HTML formats."""
 
 import html
 import re
@@ -13,7 +13,7 @@ _LATEX = {
 
 @dataclass(frozen=True)
 class Entry:
-    """What stands in one place."""
+    """One entry of a table."""
 
     text: str
     bold: bool = False
@@ -21,7 +21,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under a header; every row is as long as the header."""
+    """Table with a header; every row has the length of the header."""
 
     name: str
     title: str
@@ -30,11 +30,11 @@ class Table:
     note: str = ""
 
     def noted(self, note: str) -> "Table":
-        """The same with another note."""
+        """Return a copy with another note."""
         return replace(self, note=note)
 
     def markdown(self) -> str:
-        r"""For a README.
+        r"""Format as Markdown.
 
         Example:
             >>> print(Table("t", "Sizes", ("", "a|b"), ((Entry("x"), Entry("1", bold=True)),)).markdown())
@@ -60,7 +60,7 @@ class Table:
         return "\n".join([*parts, "", escaped(self.note)] if self.note else parts)
 
     def latex(self) -> str:
-        """For a paper: booktabs, a caption, a label."""
+        """Format as LaTeX, with booktabs rules, a caption and a label."""
 
         def line(texts: list[str]) -> str:
             return " & ".join(texts) + r" \\"
@@ -76,7 +76,7 @@ class Table:
         )  # fmt: skip
 
     def html(self) -> str:
-        """For a page; all text is escaped."""
+        """Format as HTML; all text is escaped."""
         head = "".join(f"<th>{html.escape(text)}</th>" for text in self.header)
         rows = "".join(
             "<tr>" + "".join(f"<td>{_bold(html.escape(e.text), e.bold)}</td>" for e in row) + "</tr>\n"
@@ -94,7 +94,7 @@ def _bold(text: str, bold: bool) -> str:
 
 
 def escaped(text: str) -> str:
-    r"""Text that Markdown shows as it is.
+    r"""Escape the special characters of Markdown.
 
     Example:
         >>> print(escaped("failed: <b> in modular_obs"))

@@ -1,4 +1,4 @@
-"""The command line ``autonerf-lab``."""
+"""Command line ``autonerf-lab``: one module per command."""
 
 from autonerf_lab.cli.main import main
 

@@ -1,7 +1,8 @@
-"""``python -m autonerf_lab.cli``."""
+"""Entry point of ``python -m autonerf_lab.cli``."""
 
 import sys
 
 from autonerf_lab.cli.main import main
 
-sys.exit(main())
+if __name__ == "__main__":
+    sys.exit(main())

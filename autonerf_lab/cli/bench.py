@@ -1,4 +1,4 @@
-"""``autonerf-lab bench``: run a grid, compare two, write the page."""
+"""``autonerf-lab bench``: run a grid, compare two results folders, write a report."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -6,137 +6,152 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg, subcommand
 
-from autonerf_lab.cli.options import NO_LPIPS, LpipsFile, names_of
+from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, OptionalTasks, PresetName, split_names
 from autonerf_lab.errors import DataError
 
 if TYPE_CHECKING:
     from autonerf_lab.benchmark import Grid
 
-# Heavy imports wait inside the commands: `--help` answers at once.
-
 
 @dataclass(frozen=True)
-class BenchRun:
-    """Run every policy in every scene from every start, train every model, score it; write the tables.
+class BenchRunCommand:
+    """Run a grid of policies, scenes, starts and models, and write the result tables.
 
-    Interrupted, the same command goes on. A cell that fails is written down, and the others run.
+    After an interruption, the same command continues. A failed cell is recorded, and the other cells run.
     """
 
-    out: Annotated[Path, arg(help="The results folder.")]
+    out: Annotated[Path, arg(help="Results folder.")]
     policies: Annotated[
-        str | None, arg(metavar="A,B", help="Names, .safetensors of your own, or: all, modular, e2e, paper.")
+        str | None, arg(metavar="A,B", help="Names, .safetensors files, module:Class, or: all, modular, e2e, paper.")
     ] = None
-    scenes: Annotated[str | None, arg(metavar="A,B", help="Names, files, or: all, train, dev, val. val without.")] = (
-        None
-    )
-    starts: Annotated[int | None, arg(help="Seeded starts in each scene; 5 without.")] = None
-    models: Annotated[str | None, arg(metavar="A,B", help="Names, or all; semantic-nerfacto without.")] = None
-    preset: Annotated[str | None, arg(metavar="NAME", help="smoke, fast or paper; AUTONERF_LAB_PRESET, else fast.")] = (
-        None
-    )
+    scenes: Annotated[
+        str | None,
+        arg(metavar="A,B", help="Names, files, or: all, train, dev, val.", help_behavior_hint="(default: val)"),
+    ] = None
+    starts: Annotated[
+        int | None, arg(metavar="N", help="Number of start poses per scene.", help_behavior_hint="(default: 5)")
+    ] = None
+    models: Annotated[
+        str | None,
+        arg(metavar="A,B", help="Names of models, or all.", help_behavior_hint="(default: semantic-nerfacto)"),
+    ] = None
+    preset: PresetName = None
     grid: Annotated[
-        str | None, arg(metavar="GRID", help="paper, or a Python file that sets GRID; instead of names.")
+        str | None, arg(metavar="GRID", help="Instead of names: paper, or a Python file that sets GRID.")
     ] = None
-    optional: Annotated[
-        str | None, arg(metavar="A,B", help="Tasks that take long: navigation (minutes a cell), finetuning (hours).")
+    optional: OptionalTasks = None
+    workers: Annotated[int, arg(help="Number of worker processes; 0: run in this process.")] = 1
+    scheduler: Annotated[
+        str | None, arg(metavar="ADDRESS", help="Address of a dask.distributed scheduler that runs the cells.")
     ] = None
-    workers: Annotated[int, arg(help="Cells at a time, which share threads and memory; 0: in this process.")] = 1
-    scheduler: Annotated[str | None, arg(metavar="ADDRESS", help="Of dask.distributed: its workers run the cells.")] = (
-        None
-    )
-    timeout: Annotated[float | None, arg(help="Seconds a cell; 3600 without, 43200 with finetuning.")] = None
-    memory_gb: Annotated[float | None, arg(help="A cell may hold; its share of the machine without.")] = None
+    timeout: Annotated[
+        float | None,
+        arg(
+            metavar="X",
+            help="Time limit per cell in seconds.",
+            help_behavior_hint="(default: 3600; with finetuning: 43200)",
+        ),
+    ] = None
+    memory_gb: Annotated[
+        float | None,
+        arg(metavar="X", help="Memory limit per cell in GB.", help_behavior_hint="(default: the share of a worker)"),
+    ] = None
     retry: Annotated[
-        str | None, arg(metavar="A,B", help="Run again what is failed (all of it), timeout, oom or died.")
+        str | None, arg(metavar="A,B", help="Run unfinished cells again: timeout, oom, died, or failed (all).")
     ] = None
-    keep: Annotated[bool, arg(help="Leave walk, field and figures of each cell in OUT/runs.")] = False
-    dry_run: Annotated[bool, arg(help="Print the cells and what they will cost, and do nothing.")] = False
-    lpips: LpipsFile = NO_LPIPS
+    save_runs: Annotated[bool, arg(help="Save the run folder of each cell in OUT/runs.")] = False
+    dry_run: Annotated[bool, arg(help="Print the cells and the estimated cost, and exit.")] = False
+    lpips: LpipsOptions = NO_LPIPS
 
     def run(self) -> None:
-        """Run, and write scores and tables."""
+        """Run the grid and write scores and tables."""
         from autonerf_lab.benchmark import run_grid
         from autonerf_lab.benchmark.estimate import dry_run
-        from autonerf_lab.benchmark.export import publish, summary
-        from autonerf_lab.benchmark.results_table import collect
+        from autonerf_lab.benchmark.export import export_results, summary
+        from autonerf_lab.benchmark.results_table import load_results_table
 
         grid = self._grid().checked()
-        lpips, retry = self.lpips.load(), names_of(self.retry) or ()
+        lpips, retry = self.lpips.load(), split_names(self.retry) or ()
         if self.dry_run:
             print(dry_run(grid, self.out, self.workers, retry, None if lpips is None else lpips.sha256))
             return
         results = run_grid(
-            grid, self.out, self.workers, self.scheduler, self.timeout, self.memory_gb, retry, self.keep,
+            grid, self.out, self.workers, self.scheduler, self.timeout, self.memory_gb, retry, self.save_runs,
             lpips=self.lpips.lpips_weights,
         )  # fmt: skip
-        print(f"\n{summary(collect(results))}")
-        for path in publish(results):
+        print(f"\n{summary(load_results_table(results))}")
+        for path in export_results(results):
             print(path)
 
     def _grid(self) -> "Grid":
         from autonerf_lab.benchmark.grid import Grid, load_grid
         from autonerf_lab.config import preset
 
-        said: dict[str, Any] = {
-            "policies": names_of(self.policies),
-            "scenes": names_of(self.scenes),
+        chosen: dict[str, Any] = {
+            "policies": split_names(self.policies),
+            "scenes": split_names(self.scenes),
             "starts": self.starts,
-            "models": names_of(self.models),
+            "models": split_names(self.models),
         }
-        said = {key: value for key, value in said.items() if value is not None}
+        chosen = {key: value for key, value in chosen.items() if value is not None}
         if self.grid is not None:
-            if said:
-                raise DataError(f"--grid {self.grid} says it all: leave --{next(iter(said))} out")
+            if chosen:
+                raise DataError(f"--grid {self.grid} defines the whole grid: remove --{next(iter(chosen))}")
             grid = load_grid(self.grid)
-            return replace(grid, preset=self.preset or grid.preset, optional=names_of(self.optional) or grid.optional)
-        if "policies" not in said:
-            raise DataError("name the --policies, such as random,frontier, or a --grid, such as paper")
+            return replace(
+                grid, preset=self.preset or grid.preset, optional=split_names(self.optional) or grid.optional
+            )
+        if "policies" not in chosen:
+            raise DataError("no policies: give --policies, such as random,frontier, or --grid, such as paper")
         return Grid(
-            **{"scenes": ("val",), **said}, preset=preset(self.preset).name, optional=names_of(self.optional) or ()
+            **{"scenes": ("val",), **chosen}, preset=preset(self.preset).name, optional=split_names(self.optional) or ()
         )
 
 
 @dataclass(frozen=True)
-class BenchCompare:
-    """How much more the second results folder has than the first, paired by scene and start."""
+class BenchCompareCommand:
+    """Compare two results folders: score differences, second minus first, paired by scene and start."""
 
-    first: Annotated[Positional[Path], arg(help="A results folder.")]
-    second: Annotated[Positional[Path], arg(help="Another one.")]
+    first: Annotated[Positional[Path], arg(help="First results folder.")]
+    second: Annotated[Positional[Path], arg(help="Second results folder.")]
 
     def run(self) -> None:
-        """Print a table in Markdown."""
+        """Print a Markdown table."""
         from autonerf_lab.benchmark import load_results
         from autonerf_lab.benchmark.compare import compare
-        from autonerf_lab.benchmark.results_table import collect
+        from autonerf_lab.benchmark.results_table import load_results_table
 
-        print(compare(collect(load_results(self.first)), collect(load_results(self.second))).markdown())
+        first, second = (load_results_table(load_results(path)) for path in (self.first, self.second))
+        print(compare(first, second).markdown())
 
 
 @dataclass(frozen=True)
-class BenchReport:
-    """Write one page about a results folder, or about several in the same tables."""
+class BenchReportCommand:
+    """Write an HTML report of one or several results folders."""
 
     folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="FOLDER ...", help="Results folders.")]
-    out: Annotated[Path | None, arg(help="The .html file; report.html in the first folder without.")] = None
+    out: Annotated[
+        Path | None, arg(help="Output .html file.", help_behavior_hint="(default: report.html in the first folder)")
+    ] = None
 
     def run(self) -> None:
-        """Draw and write."""
+        """Write the report."""
         from autonerf_lab.benchmark import load_results
         from autonerf_lab.benchmark.report import write_report
 
         if not self.folders:
-            raise DataError("name at least one results folder")
+            raise DataError("no results folder: give at least one")
         print(write_report([load_results(path) for path in self.folders], self.out or self.folders[0] / "report.html"))
 
 
 @dataclass(frozen=True)
-class Bench:
-    """Grids of runs and the paper's tables for them."""
+class BenchCommand:
+    """Benchmarks: run grids and make the tables of the paper."""
 
     command: (
-        Annotated[BenchRun, subcommand("run")]
-        | Annotated[BenchCompare, subcommand("compare")]
-        | Annotated[BenchReport, subcommand("report")]
+        Annotated[BenchRunCommand, subcommand("run")]
+        | Annotated[BenchCompareCommand, subcommand("compare")]
+        | Annotated[BenchReportCommand, subcommand("report")]
     )
 
     def run(self) -> None:

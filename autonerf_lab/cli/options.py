@@ -1,45 +1,109 @@
-"""Options that several commands have."""
+"""Options shared by several commands."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import arg
+from tyro.conf import Positional, arg
 
 from autonerf_lab.errors import DataError
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators.lpips import Lpips
 
+SceneName = Annotated[
+    str, arg(help="Scene: a name of `autonerf-lab scenes list`, or the path of a JSON, GLB, OBJ or PLY file.")
+]
+PolicyName = Annotated[
+    str, arg(help="Policy: a name such as frontier or random, a .safetensors file of weights, or module:Class.")
+]
+ModelName = Annotated[str, arg(help="Model of the radiance field, such as semantic-nerfacto or instant-ngp.")]
+PresetName = Annotated[
+    str | None,
+    arg(
+        metavar="NAME",
+        help="Preset: smoke, fast or paper.",
+        help_behavior_hint="(default: AUTONERF_LAB_PRESET, else fast)",
+    ),
+]
+Seed = Annotated[int, arg(help="Random seed.")]
+OutFolder = Annotated[Path, arg(help="Run folder.")]
+RunPath = Annotated[Positional[Path], arg(help="Run folder.")]
+FieldPath = Annotated[Positional[Path], arg(help="Run folder, or output folder of `autonerf-lab fit --out`.")]
+Overwrite = Annotated[bool, arg(help="Replace finished results. Only files written by this package are removed.")]
+OptionalTasks = Annotated[
+    str | None,
+    arg(metavar="A,B", help="Optional tasks: navigation (minutes per run), finetuning (hours per run)."),
+]
+
 
 @dataclass(frozen=True)
-class LpipsFile:
-    """The weights of LPIPS, which is left out without."""
+class ExplorationOptions:
+    """Options that override the preset."""
 
-    lpips_weights: Annotated[Path | None, arg(metavar="FILE", help="VGG16 and heads, safetensors: see the README.")] = (
-        None
-    )
-    lpips_sha256: Annotated[str | None, arg(metavar="HEX", help="What the file must have; else it is refused.")] = None
+    steps: Annotated[
+        int | None,
+        arg(metavar="N", help="Number of steps of the episode.", help_behavior_hint="(default: from the preset)"),
+    ] = None
+    map_size: Annotated[
+        int | None,
+        arg(metavar="N", help="Side of the map of the policy, in cells of 5 cm.", help_behavior_hint="(default: 640)"),
+    ] = None
+    width: Annotated[
+        int | None, arg(metavar="N", help="Image width in pixels.", help_behavior_hint="(default: from the preset)")
+    ] = None
+    height: Annotated[
+        int | None, arg(metavar="N", help="Image height in pixels.", help_behavior_hint="(default: from the preset)")
+    ] = None
+    fov: Annotated[
+        float | None,
+        arg(metavar="DEGREES", help="Horizontal field of view.", help_behavior_hint="(default: from the preset)"),
+    ] = None
+
+    def overrides(self) -> dict[str, Any]:
+        """Return the arguments for :func:`autonerf_lab.pipeline.run_pipeline`."""
+        return {
+            "steps": self.steps,
+            "map_size": self.map_size,
+            "width": self.width,
+            "height": self.height,
+            "hfov_deg": self.fov,
+        }
+
+
+@dataclass(frozen=True)
+class LpipsOptions:
+    """Weights of LPIPS. Without them, LPIPS is not computed."""
+
+    lpips_weights: Annotated[
+        Path | None, arg(metavar="FILE", help="LPIPS weights: VGG16 and heads as safetensors, see docs/evaluation.md.")
+    ] = None
+    lpips_sha256: Annotated[str | None, arg(metavar="HEX", help="Required SHA-256 of the LPIPS weights.")] = None
 
     def load(self) -> "Lpips | None":
-        """Read and check the file, before anything else is done."""
+        """Load and check the weights.
+
+        Raises:
+            DataError: The file is missing, damaged or has another SHA-256.
+        """
         if self.lpips_weights is None:
             if self.lpips_sha256 is not None:
-                raise DataError("--lpips-sha256 is about a file: give --lpips-weights too")
+                raise DataError("--lpips-sha256 needs a file: give --lpips-weights too")
             return None
         from autonerf_lab.evaluators.lpips import Lpips
 
         return Lpips(self.lpips_weights, self.lpips_sha256)
 
 
-NO_LPIPS = LpipsFile()
+NO_OVERRIDES = ExplorationOptions()
+NO_LPIPS = LpipsOptions()
 
 
-def names_of(text: str | None) -> tuple[str, ...] | None:
-    """The names of a comma list.
+def split_names(text: str | None) -> tuple[str, ...] | None:
+    """Split a comma-separated list of names.
 
     Example:
-        >>> names_of("a, b"), names_of(None)
+        >>> split_names("a, b"), split_names(None)
         (('a', 'b'), None)
     """
     return None if text is None else tuple(name.strip() for name in text.split(",") if name.strip())

@@ -1,4 +1,4 @@
-"""``autonerf-lab scenes``: look at the apartments, make new ones, bring your own."""
+"""``autonerf-lab scenes``: list, show, generate, import and export scenes."""
 
 import io
 from dataclasses import dataclass
@@ -14,70 +14,67 @@ if TYPE_CHECKING:
 
     from autonerf_lab.scenes import Scene
 
-# Heavy imports wait inside the commands: `--help` answers at once.
-
 
 @dataclass(frozen=True)
-class ScenesList:
-    """The scenes of the library."""
+class ScenesListCommand:
+    """List the names of the scene library."""
 
     def run(self) -> None:
-        """Print a name a line."""
+        """Print one name per line."""
         from autonerf_lab.scenes import scene_names
 
         print("\n".join(scene_names()))
 
 
 @dataclass(frozen=True)
-class ScenesShow:
-    """What is in a scene; with --out also its picture from above, with --page a 3-D page for a browser."""
+class ScenesShowCommand:
+    """Print the size and the objects of a scene; with --out, write its top view; with --page, a 3-D page."""
 
-    name: Annotated[Positional[str], arg(help="A scene of the library, or a file.")]
-    out: Annotated[Path | None, arg(help="Where to write the picture (PNG).")] = None
-    page: Annotated[
-        Path | None, arg(help="Where to write the 3-D page (HTML); it needs neither kernel nor network.")
-    ] = None
+    name: Annotated[Positional[str], arg(help="Name in the scene library, or file.")]
+    out: Annotated[Path | None, arg(help="Output .png file of the top view.")] = None
+    page: Annotated[Path | None, arg(help="Output .html file of the self-contained 3-D page.")] = None
 
     def run(self) -> None:
-        """Print sizes and objects."""
+        """Print size and objects."""
         from collections import Counter
 
         from autonerf_lab import pipeline
         from autonerf_lab.classes import CLASS_NAMES
+        from autonerf_lab.scenes import top_view, write_page
 
         scene = pipeline.find_scene(self.name)
         print(scene)
         found = Counter(CLASS_NAMES[i.class_id] for i in scene.instances if i.class_id)
         print("\n".join(f"{count:4d} {name}" for name, count in sorted(found.items())))
         if self.out is not None:
-            _write_picture(scene.top_view()[0], self.out)
+            _write_image(top_view(scene)[0], self.out)
         if self.page is not None:
-            print(scene.page(self.page))
+            print(write_page(scene, self.page))
 
 
 @dataclass(frozen=True)
-class ScenesGenerate:
-    """Make a new apartment from a seed and keep its specification."""
+class ScenesGenerateCommand:
+    """Generate an apartment from a random seed and write its specification."""
 
-    seed: Annotated[Positional[int], arg(help="Any whole number: the same one makes the same apartment.")]
-    out: Annotated[Path, arg(help="A .json file: give its path wherever a scene is asked for. Or a .glb file.")]
+    seed: Annotated[Positional[int], arg(help="Random seed.")]
+    out: Annotated[Path, arg(help="Output file: .json (specification, usable as a scene) or .glb (mesh).")]
 
     def run(self) -> None:
-        """Generate and write."""
+        """Generate and write the scene."""
         from autonerf_lab.scenes import generate_apartment
 
         _write_scene(generate_apartment(self.seed), self.out)
 
 
 @dataclass(frozen=True)
-class ScenesImport:
-    """Read a scan (GLB, OBJ, PLY) and stand it on its floor, or furnish a floor plan (HouseExpo's JSON)."""
+class ScenesImportCommand:
+    """Import a scan (GLB, OBJ, PLY) and align its floor, or furnish a floor plan (HouseExpo JSON)."""
 
-    path: Annotated[Positional[Path], arg(help="The file.")]
-    out: Annotated[Path | None, arg(help="Where to write it: GLB, or .json for a furnished plan.")] = None
+    path: Annotated[Positional[Path], arg(help="Input file.")]
+    out: Annotated[Path | None, arg(help="Output file: .glb, or .json for a furnished floor plan.")] = None
 
     def run(self) -> None:
-        """Import, and export where asked."""
+        """Import the scene and, with --out, write it."""
         from autonerf_lab.scenes import import_scene
 
         scene = import_scene(self.path)
@@ -87,30 +84,31 @@ class ScenesImport:
 
 
 @dataclass(frozen=True)
-class ScenesExport:
-    """Write a scene as GLB, with its texture or coloured by class, and its semantics beside it (JSON)."""
+class ScenesExportCommand:
+    """Export a scene as GLB, with its texture or class colours, and its semantics as JSON."""
 
-    name: Annotated[Positional[str], arg(help="A scene of the library, or a file.")]
-    out: Annotated[Path, arg(help="The GLB file.")]
-    semantic: Annotated[bool, arg(help="Colours are classes.")] = False
+    name: Annotated[Positional[str], arg(help="Name in the scene library, or file.")]
+    out: Annotated[Path, arg(help="Output .glb file.")]
+    semantic: Annotated[bool, arg(help="Use the class colours.")] = False
 
     def run(self) -> None:
-        """Load and write."""
+        """Load and export the scene."""
         from autonerf_lab import pipeline
+        from autonerf_lab.scenes import export_glb
 
-        print(pipeline.find_scene(self.name).export_glb(self.out, semantic=self.semantic))
+        print(export_glb(pipeline.find_scene(self.name), self.out, semantic=self.semantic))
 
 
 @dataclass(frozen=True)
-class Scenes:
-    """Look at the apartments, make new ones, bring your own."""
+class ScenesCommand:
+    """List, show, generate, import and export scenes."""
 
     command: (
-        Annotated[ScenesList, subcommand("list")]
-        | Annotated[ScenesShow, subcommand("show")]
-        | Annotated[ScenesGenerate, subcommand("generate")]
-        | Annotated[ScenesImport, subcommand("import")]
-        | Annotated[ScenesExport, subcommand("export")]
+        Annotated[ScenesListCommand, subcommand("list")]
+        | Annotated[ScenesShowCommand, subcommand("show")]
+        | Annotated[ScenesGenerateCommand, subcommand("generate")]
+        | Annotated[ScenesImportCommand, subcommand("import")]
+        | Annotated[ScenesExportCommand, subcommand("export")]
     )
 
     def run(self) -> None:
@@ -119,25 +117,26 @@ class Scenes:
 
 
 def _write_scene(scene: "Scene", out: Path) -> None:
+    from autonerf_lab.scenes import export_glb
     from autonerf_lab.scenes.spec import dumps
     from autonerf_lab.utils import storage
 
     kind = out.suffix.lower()
     if kind == ".glb":
-        scene.export_glb(out)
+        export_glb(scene, out)
     elif kind == ".json" and scene.spec is not None:
         storage.write_bytes(out, dumps(scene.spec).encode())
     else:
-        raise DataError(f"{out}: a generated scene is written as .json or .glb, an imported one as .glb")
+        raise DataError(f"{out}: unknown format; write a generated scene as .json or .glb, an imported one as .glb")
     print(out)
 
 
-def _write_picture(picture: "np.ndarray", out: Path) -> None:
+def _write_image(image: "np.ndarray", out: Path) -> None:
     from PIL import Image
 
     from autonerf_lab.utils import storage
 
     data = io.BytesIO()
-    Image.fromarray(picture).save(data, "PNG")
+    Image.fromarray(image).save(data, "PNG")
     storage.write_bytes(out, data.getvalue())
     print(out)

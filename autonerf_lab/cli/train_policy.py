@@ -12,10 +12,10 @@ from autonerf_lab.errors import DataError
 
 
 def whole(text: str) -> int:
-    """A number of things: 2000000, 2e6 or 2_000_000.
+    """Parse a positive whole number: 2000000, 2e6 or 2_000_000.
 
     Raises:
-        DataError: it is not a positive whole number.
+        DataError: not a positive whole number.
 
     Example:
         >>> whole("2e6")
@@ -31,25 +31,31 @@ def whole(text: str) -> int:
 
 
 @dataclass(frozen=True)
-class TrainPolicy:
-    """Train a policy on the training apartments, by a teacher and PPO. Interrupted, the same command goes on."""
+class TrainPolicyCommand:
+    """Train a policy in the training scenes, by imitation and PPO. After an interruption, repeat the command."""
 
-    policy: Annotated[str, arg(help="modular-REWARD or e2e-REWARD, such as modular-obs; or pointgoal.")] = "modular-obs"
+    policy: Annotated[str, arg(help="modular-REWARD or e2e-REWARD, for example modular-obs; or pointgoal.")] = (
+        "modular-obs"
+    )
     frames: Annotated[
-        str | None, arg(help="Actions of the robots at most; without, 1.5e6, for e2e 5e5, for pointgoal 2e6.")
+        str | None,
+        arg(
+            help="Number of robot actions, rounded up to whole rollouts; waypoints that are reached early reduce it. "
+            "Default: 1.5e6, 5e5 for e2e, 2e6 for pointgoal."
+        ),
     ] = None
     start: Annotated[
-        str | None, arg(help="Begin with the weights of a policy that ships, or of a .safetensors, not with a teacher.")
+        str | None, arg(help="Initial weights instead of imitation: a built-in policy or a .safetensors file.")
     ] = None
-    workers: Annotated[int, arg(help="Processes that walk.")] = 2
-    seed: Annotated[int, arg(help="Of everything.")] = 0
-    out: Annotated[Path | None, arg(help="Folder of the run; runs/policies/POLICY without it.")] = None
-    network: Annotated[
-        Literal["compact", "paper"], arg(help="Of a modular policy: what it sees and how large it is.")
-    ] = "compact"
+    workers: Annotated[int, arg(help="Number of worker processes.")] = 2
+    seed: Annotated[int, arg(help="Random seed.")] = 0
+    out: Annotated[Path | None, arg(help="Output folder. Default: runs/policies/POLICY.")] = None
+    network: Annotated[Literal["compact", "paper"], arg(help="Policy interface and network of a modular policy.")] = (
+        "compact"
+    )
 
     def run(self) -> None:
-        """Train, draw the curve, say where the weights are."""
+        """Train the policy, save the learning curve and print the path of the weights."""
         from autonerf_lab.policies.weights import read_meta
         from autonerf_lab.training.settings import settings_of
         from autonerf_lab.training.train import train_policy

@@ -1,16 +1,16 @@
-"""What the notebooks of the course share: exercises with a checker that gives hints, and things to play with.
+"""Exercises of the notebooks with a checker that gives hints, and interactive widgets.
 
-One module holds the exercises of one notebook. In a notebook::
+Each module of ``exercises`` belongs to one notebook. In a notebook::
 
     from autonerf_lab import course
 
-    course.check("01-heading", my_function)  # right, or what is wrong, with a hint
-    course.solution("01-heading")  # behind a click
+    course.check("01-heading", my_function)  # verdict with a hint
+    course.solution("01-heading")  # hidden until it is clicked
 """
 
 from typing import Any
 
-from autonerf_lab.course.checker import Exercise, Hidden, Verdict
+from autonerf_lab.course.checker import Exercise, Solution, Verdict
 from autonerf_lab.course.exercises import (
     apartments,
     exploration,
@@ -38,29 +38,32 @@ EXERCISES: dict[str, Exercise] = {exercise.name: exercise for module in _NOTEBOO
 
 
 def check(name: str, answer: Any) -> Verdict:
-    """What a checker says about an answer: right, not attempted, or what is wrong with it.
+    """Check the answer to an exercise.
 
     Args:
         name: of the exercise.
-        answer: a function, a class, or a value: what the exercise asks for. ``None`` and ``...`` are not attempted.
+        answer: function, class or value that the exercise asks for; ``None`` and ``...`` count as not attempted.
+
+    Returns:
+        The verdict: right, not attempted, or the first failed case with a hint.
 
     Raises:
-        UnknownNameError: lists the exercises.
+        UnknownNameError: there is no exercise of this name; the message lists all names.
 
     Example:
         >>> check("01-heading", lambda pose: ...)
-        01-heading: not attempted. The heading of a level camera from its pose, radians in (-pi, pi].
+        01-heading: not attempted. Return the heading of a level camera from its pose, radians in (-pi, pi].
     """
     return _find(name).check(answer)
 
 
-def solution(name: str) -> Hidden:
-    """The solution of an exercise, which a notebook shows when it is clicked on.
+def solution(name: str) -> Solution:
+    """Return the solution of an exercise; notebooks show it after a click.
 
     Raises:
-        UnknownNameError: lists the exercises.
+        UnknownNameError: there is no exercise of this name; the message lists all names.
     """
-    return _find(name).source()
+    return _find(name).hidden_solution()
 
 
 def _find(name: str) -> Exercise:

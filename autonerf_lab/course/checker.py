@@ -1,7 +1,7 @@
-"""An exercise: cases worked by hand, a solution that stays hidden, and the mistakes that are usually made.
+"""Checker of the exercises: test cases, a hidden solution, and typical mistakes with hints.
 
-A mistake is written down as the wrong answer it leads to. An answer that agrees with one in every case gets its hint;
-any other wrong answer is shown the first case it fails in.
+A mistake is defined by the wrong answer it produces. If an answer agrees with a mistake in every case, the verdict
+contains the hint of that mistake; otherwise it contains only the first failed case.
 """
 
 import copy
@@ -15,22 +15,22 @@ from typing import Any
 
 import numpy as np
 
-RIGHT, WRONG, OPEN = "right", "not yet", "not attempted"
-_COLORS = {RIGHT: "#0072B2", WRONG: "#D55E00", OPEN: "#808080"}
+RIGHT, WRONG, NOT_ATTEMPTED = "right", "not yet", "not attempted"
+_COLORS = {RIGHT: "#0072B2", WRONG: "#D55E00", NOT_ATTEMPTED: "#808080"}
 
 
 @dataclass(frozen=True)
 class Case:
-    """What an answer is called with, and what it has to return."""
+    """Test case: arguments and expected result."""
 
-    given: str  # in words, for whoever fails in it
-    args: tuple[Any, ...]  # empty: the answer is a value and is not called
-    expected: Any  # a number, or (nested) numbers
+    description: str  # of the arguments, shown when the case fails
+    args: tuple[Any, ...]  # empty if the answer is a value, which is not called
+    expected: Any  # a number, an array or nested lists of numbers
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """A wrong answer that is given often, and what helps."""
+    """Typical wrong answer with a hint."""
 
     hint: str
     answer: Any
@@ -38,7 +38,7 @@ class Mistake:
 
 @dataclass(frozen=True)
 class Raised:
-    """In place of a value: the answer raised an exception."""
+    """Result of an answer that raised an exception."""
 
     error: Exception
 
@@ -48,10 +48,10 @@ class Raised:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the checker says: a notebook shows it in colour."""
+    """Verdict of the checker; notebooks show it in colour."""
 
     exercise: str
-    status: str  # RIGHT, WRONG or OPEN
+    status: str  # RIGHT, WRONG or NOT_ATTEMPTED
     text: str = ""
 
     def __bool__(self) -> bool:
@@ -71,8 +71,8 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Hidden:
-    """Source code behind a click."""
+class Solution:
+    """Source code of a solution; notebooks show it after a click."""
 
     exercise: str
     source: str
@@ -82,63 +82,63 @@ class Hidden:
 
     def _repr_html_(self) -> str:
         name, source = html.escape(self.exercise), html.escape(self.source)
-        return f"<details><summary>A solution of {name}</summary><pre>{source}</pre></details>"
+        return f"<details><summary>Solution of {name}</summary><pre>{source}</pre></details>"
 
 
 def call(answer: Any, args: tuple[Any, ...]) -> Any:
-    """How most answers are asked: a function with the arguments, a value without."""
+    """Call an answer with the arguments of a case; return the answer itself if there are none."""
     return answer(*args) if args else answer
 
 
 @dataclass(frozen=True)
 class Exercise:
-    """A question with a checker.
+    """Question with test cases, a solution and typical mistakes.
 
     Example:
         >>> def double(x):
         ...     return 2 * x
-        >>> square = Mistake("A square is not the double.", lambda x: x * x)
+        >>> square = Mistake("This is the square.", lambda x: x * x)
         >>> exercise = Exercise("double", "Double it.", (Case("three", (3,), 6),), double, (square,))
         >>> exercise.check(double), exercise.check(lambda x: ...)
         (double: right, double: not attempted. Double it.)
         >>> print(exercise.check(lambda x: x**2))
-        double: not yet. With three: expected 6, and your answer is 9.
-        Hint: A square is not the double.
+        double: not yet. For three: expected 6, got 9.
+        Hint: This is the square.
     """
 
     name: str
-    question: str
+    question: str  # shown if the exercise is not attempted
     cases: tuple[Case, ...]
     solution: Callable[..., Any]
     mistakes: tuple[Mistake, ...]
-    ask: Callable[[Any, tuple[Any, ...]], Any] = call
-    tolerance: float = 1e-6
+    evaluate: Callable[[Any, tuple[Any, ...]], Any] = call  # (answer, arguments of a case) -> result
+    tolerance: float = 1e-6  # absolute
 
     def check(self, answer: Any) -> Verdict:
-        """What is to be said about an answer: a function, or a value where the question asks for one. Never raises."""
+        """Check an answer, a function or a value, and return the verdict. Exceptions of the answer are caught."""
         if answer is None or answer is ...:
-            return Verdict(self.name, OPEN, self.question)
+            return Verdict(self.name, NOT_ATTEMPTED, self.question)
         if not callable(answer) and self.cases[0].args:
-            return Verdict(self.name, WRONG, "Hand over the function itself, without calling it.")
+            return Verdict(self.name, WRONG, "Pass the function itself, without calling it.")
         outcomes = self._outcomes(answer)
         if all(outcome is None or outcome is ... for outcome in outcomes):
-            return Verdict(self.name, OPEN, self.question)
+            return Verdict(self.name, NOT_ATTEMPTED, self.question)
         for case, outcome in zip(self.cases, outcomes, strict=True):
             if not self._same(outcome, case.expected):
                 return Verdict(self.name, WRONG, _difference(case, outcome) + self._hint(outcomes))
         return Verdict(self.name, RIGHT)
 
-    def source(self) -> Hidden:
-        """The solution, to be shown behind a click."""
-        return Hidden(self.name, textwrap.dedent(inspect.getsource(self.solution)))
+    def hidden_solution(self) -> Solution:
+        """Return the source code of the solution."""
+        return Solution(self.name, textwrap.dedent(inspect.getsource(self.solution)))
 
     def _outcomes(self, answer: Any) -> list[Any]:
         outcomes = []
         for case in self.cases:
             try:
                 with np.errstate(all="ignore"):
-                    outcomes.append(self.ask(answer, copy.deepcopy(case.args)))
-            except Exception as error:  # an answer is code in the making
+                    outcomes.append(self.evaluate(answer, copy.deepcopy(case.args)))
+            except Exception as error:  # answers may contain any error
                 outcomes.append(Raised(error))
         return outcomes
 
@@ -159,13 +159,13 @@ class Exercise:
 
 
 def _difference(case: Case, outcome: Any) -> str:
-    where = f"With {case.given}: " if case.args else ""
+    prefix = f"For {case.description}: " if case.args else ""
     if isinstance(outcome, Raised):
-        return f"{where}expected {_short(case.expected)}, and your answer failed with {outcome!r}."
+        return f"{prefix}expected {_short(case.expected)}, but the answer raised {outcome!r}."
     shapes = [np.shape(value) if isinstance(value, np.ndarray) else None for value in (outcome, case.expected)]
     if None not in shapes and shapes[0] != shapes[1]:
-        return f"{where}expected an array of shape {shapes[1]}, and yours has {shapes[0]}."
-    return f"{where}expected {_short(case.expected)}, and your answer is {_short(outcome)}."
+        return f"{prefix}expected an array of shape {shapes[1]}, got shape {shapes[0]}."
+    return f"{prefix}expected {_short(case.expected)}, got {_short(outcome)}."
 
 
 def _short(value: Any) -> str:

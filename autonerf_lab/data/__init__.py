@@ -1,1 +1,1 @@
-"""Posed images: trajectories, photographs and the ``transforms.json`` format they share."""
+"""Posed images: trajectories, photographs, and the ``transforms.json`` format of both."""

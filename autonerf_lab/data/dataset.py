@@ -1,6 +1,6 @@
-"""Photographs with poses: a nerfstudio or instant-ngp ``transforms.json``, or a walk of this project.
+"""Posed images with any cameras: a nerfstudio or instant-ngp ``transforms.json``, or a trajectory of this package.
 
-Poses stay in the frame and the units of the file, whatever ``applied_transform`` says; it is kept in ``meta``.
+Poses stay in the frame and units of the file. ``applied_transform`` is not applied; it is stored in ``meta``.
 """
 
 import warnings
@@ -12,60 +12,50 @@ from typing import Any
 
 import numpy as np
 
-from autonerf_lab.data.images import (
-    is_turned,
-    parallel,
-    picture_size,
-    read_classes,
-    read_depth,
-    read_rgb,
-    resample,
-)
-from autonerf_lab.data.trajectory import Trajectory
-from autonerf_lab.data.transforms import (
-    CAMERA_KEYS,
-    announced_size,
-    read_camera,
-    read_frames,
-    read_meta,
-    read_path,
-    read_pose,
-)
+from autonerf_lab.data.images import image_size, is_rotated, parallel, read_classes, read_depth, read_rgb, resample
+from autonerf_lab.data.trajectory import Trajectory, describe
+from autonerf_lab.data.transforms import CAMERA_KEYS, announced_size, read_camera, read_path, read_transforms
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.utils.storage import read_json
 
-_EXTENSIONS = (".png", ".jpg", ".jpeg", ".JPG", ".PNG", ".JPEG", ".webp", ".WEBP")
-_LAYERS = {"depth_file_path": (read_depth, 4), "semantics_file_path": (read_classes, 1)}  # reader, bytes a pixel
+_LAYERS = {"depth_file_path": (read_depth, 4), "semantics_file_path": (read_classes, 1)}  # reader, bytes per pixel
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """Posed photographs, which need not share a camera or a size.
+    """Posed images, which may have different intrinsics and sizes.
 
     Example:
-        >>> walk = Trajectory(np.stack([np.eye(4)] * 9), np.zeros((9, 4, 6, 3), np.uint8), None, None,
-        ...                   Intrinsics.from_fov(6, 4))
-        >>> train, held_out = Dataset.of(walk).split()
+        >>> trajectory = Trajectory(np.stack([np.eye(4)] * 9), np.zeros((9, 4, 6, 3), np.uint8), None, None,
+        ...                         Intrinsics.from_fov(6, 4))
+        >>> train, held_out = Dataset.from_trajectory(trajectory).split()
+        >>> held_out
+        Dataset: scene unknown, policy unknown
+          2 frames of 6x4 pixels; layers: rgb
         >>> len(train), held_out.names
         (7, ['frame 0', 'frame 8'])
     """
 
     poses: np.ndarray  # (T, 4, 4) float64 camera-to-world, OpenGL, in the user's frame and units
     images: list[np.ndarray]  # T arrays (H_t, W_t, 3) uint8
-    cameras: list[Intrinsics]  # T
+    intrinsics: list[Intrinsics]  # T camera models
     semantics: list[np.ndarray] | None  # T arrays (H_t, W_t) uint8, class index
     depths: list[np.ndarray] | None  # T arrays (H_t, W_t) float32, along the optical axis, user units, 0 = none
     names: list[str]  # file of each frame, for messages
-    meta: dict[str, Any]  # JSON: what the file says besides cameras and frames
-    metric: bool  # True for walks: metres, walls all around. False for photographs: unknown scale and background
+    meta: dict[str, Any]  # JSON: the file's other keys
+    metric: bool  # True for trajectories: metres, indoors. False for photographs: unknown scale and background
 
     def __len__(self) -> int:
+        """Return the number of frames."""
         return len(self.poses)
 
+    def __repr__(self) -> str:
+        sizes = list(dict.fromkeys((camera.width, camera.height) for camera in self.intrinsics))
+        return describe(self, sizes, {"depth": self.depths, "semantics": self.semantics})
+
     @classmethod
-    def of(cls, trajectory: Trajectory) -> "Dataset":
-        """A walk in memory; the arrays are shared, not copied."""
+    def from_trajectory(cls, trajectory: Trajectory) -> "Dataset":
+        """Return the frames of a trajectory as a dataset; arrays are shared, not copied."""
         return cls(
             trajectory.poses,
             list(trajectory.rgb),
@@ -78,35 +68,36 @@ class Dataset:
         )
 
     def check(self) -> None:
-        """Raise where a dataset made by hand does not hold together; those of :func:`load_dataset` do.
+        """Check a dataset that was not made by :func:`load_dataset`.
 
         Raises:
-            DataError: names the frame whose pose is not rigid, or whose image or layer has not its camera's size.
+            DataError: a pose is not rigid, or an image or layer differs in size from its intrinsics.
         """
-        for t, (c2w, camera, name) in enumerate(zip(self.poses, self.cameras, self.names, strict=True)):
+        for t, (c2w, camera, name) in enumerate(zip(self.poses, self.intrinsics, self.names, strict=True)):
             if not (np.abs(c2w[:3, :3] @ c2w[:3, :3].T - np.eye(3)) < 1e-3).all() or not np.isfinite(c2w).all():
                 raise DataError(f"{name}: the pose is not a rigid camera-to-world pose of finite numbers")
             for layer in (self.images, self.semantics, self.depths):
                 if layer is not None and layer[t].shape[:2] != (camera.height, camera.width):
                     height, width = layer[t].shape[:2]
-                    raise DataError(f"{name}: {width}x{height} pixels, and a camera of {camera.width}x{camera.height}")
+                    size = f"{camera.width}x{camera.height}"
+                    raise DataError(f"{name}: {width}x{height} pixels, but intrinsics of {size}; correct one of them")
 
     def split(self, every: int = 8) -> tuple["Dataset", "Dataset"]:
-        """The frames to train on, and those held out.
+        """Split into training frames and held-out frames.
 
-        They are those that the file lists (``train_filenames``, and ``test_filenames`` or else ``val_filenames``; a
-        list that is absent is what the others leave over). A file without lists holds out every ``every``-th frame,
-        the first one included.
+        The split follows the lists of the file: ``train_filenames``, and ``test_filenames`` or else
+        ``val_filenames``. A missing list contains the frames that are in none of the others. Without any list, every
+        ``every``-th frame is held out, starting with the first.
 
         Raises:
-            DataError: a list names frames that do not exist or that another list names too, or a half is empty.
+            DataError: a list names a frame that does not exist, two lists share a frame, or a part is empty.
         """
         train, test, val = (self._listed(f"{name}_filenames") for name in ("train", "test", "val"))
         frames = set(range(len(self)))
         held_out = test if test is not None else val
         if train is None and held_out is None:
             if every < 2:
-                raise DataError(f"every {every}th frame cannot be held out; give every=2 or more")
+                raise DataError(f"every={every} would leave no frames to train on; use every=2 or more")
             held_out = set(range(0, len(self), every))
         if held_out is None:
             held_out = frames - (train or set())
@@ -114,19 +105,22 @@ class Dataset:
             train = frames - held_out - (val or set())
         if train & held_out:
             name = self.names[min(train & held_out)]
-            raise DataError(f"{name} is in 'train_filenames' and held out too; take it out of one of the lists")
+            raise DataError(f"{name} is in 'train_filenames' and held out, too; remove it from one of the lists")
         if not train or not held_out:
-            raise DataError(f"{len(train)} frames to train on and {len(held_out)} held out; both need at least one")
+            raise DataError(
+                f"{len(train)} frames to train on and {len(held_out)} held out; both must have at least one"
+            )
         return self._take(sorted(train)), self._take(sorted(held_out))
 
     def _listed(self, key: str) -> set[int] | None:
+        """Return the frames in a list of the file; None if the file has no such list."""
         names = self.meta.get(key)
         if names is None:
             return None
         if not isinstance(names, list):
             raise DataError(f"{key!r} must be a list of files")
         index = {Path(name).with_suffix("").as_posix(): t for t, name in enumerate(self.names)}
-        index |= {name: t for t, name in enumerate(self.names)}  # the name as it stands comes first
+        index |= {name: t for t, name in enumerate(self.names)}  # an exact name takes precedence
         listed = set()
         for name in names:
             frame = index.get(read_path(name, key, "transforms.json"))
@@ -140,7 +134,7 @@ class Dataset:
             self,
             poses=self.poses[frames],
             images=[self.images[t] for t in frames],
-            cameras=[self.cameras[t] for t in frames],
+            intrinsics=[self.intrinsics[t] for t in frames],
             semantics=self.semantics and [self.semantics[t] for t in frames],
             depths=self.depths and [self.depths[t] for t in frames],
             names=[self.names[t] for t in frames],
@@ -150,17 +144,17 @@ class Dataset:
 def load_dataset(folder: str | Path, *, max_bytes: int = 1 << 30) -> Dataset:
     """Read posed photographs: the ``transforms.json`` of nerfstudio, instant-ngp or :meth:`Trajectory.save`.
 
-    Images that are smaller than announced bring their camera along. What is transparent becomes white. Depth (16-bit
-    PNG, millimetres) and semantics are read when every frame has them.
+    Intrinsics are scaled to images that are smaller than announced. Transparent pixels become white. Depth (16-bit PNG,
+    millimetres) and semantics are read if every frame has them.
 
     Args:
         folder: holds ``transforms.json``; or the path of such a file under another name.
-        max_bytes: when the decoded images would take more memory than this, all of them are shrunk by the smallest
-            whole factor that fits, and a UserWarning says so.
+        max_bytes: limit for the decoded images. Larger datasets are downscaled by the smallest whole factor that fits,
+            with a UserWarning.
 
     Raises:
-        DataError: a file that is missing, damaged, or not what it says; a camera that is not supported; a pose that is
-            not one; fewer than two different poses. The message names the file or the frame.
+        DataError: a file is missing or damaged, a camera is not supported, a pose is not valid, or there are fewer
+            than two different poses. The message names the file or frame.
 
     Example:
         >>> load_dataset("/nowhere")
@@ -174,23 +168,22 @@ or the path of its JSON file
         others = ", ".join(sorted(file.name for file in path.parent.glob("transforms*.json")))
         hint = f"there is {others}" if others else "give a folder of posed photographs, or the path of its JSON file"
         raise DataError(f"{path} does not exist; {hint}")
-    content = read_json(path)
+    data = read_transforms(path)
+    content, frames = data.content, data.frames
     meta = {key: value for key, value in content.items() if key not in CAMERA_KEYS | {"frames", "autonerf_lab"}}
-    meta |= read_meta(content, path)
-    frames = read_frames(content, path)
-    poses = np.stack([read_pose(frame.get("transform_matrix"), f"{path}: frame {t}") for t, frame in enumerate(frames)])
-    if len(frames) < 2 or not np.ptp(poses, axis=0).any():
+    if len(frames) < 2 or not np.ptp(data.poses, axis=0).any():
         raise DataError(f"{path}: photographs from two different poses are needed, not {len(frames)} from one")
-    files = _files(frames, "file_path", path)
-    layers = {key: _files(frames, key, path) for key in _LAYERS if all(frame.get(key) is not None for frame in frames)}
+    files = data.files("file_path")
+    layers = {key: data.files(key) for key in _LAYERS if all(frame.get(key) is not None for frame in frames)}
     views = [
-        _view(content, frame, file, f"{path}: frame {t}")
-        for t, (frame, file) in enumerate(zip(frames, files, strict=True))
+        _view(content, frame, file, data.where(t)) for t, (frame, file) in enumerate(zip(frames, files, strict=True))
     ]
     for names in layers.values():
         for file, (camera, _) in zip(names, views, strict=True):
-            if not _same_view(picture_size(file), (camera.width, camera.height)):
-                raise DataError(f"{file} has not the shape of its image, {camera.width}x{camera.height} pixels")
+            if not _same_aspect(image_size(file), (camera.width, camera.height)):
+                raise DataError(
+                    f"{file} must have the aspect ratio of its image, {camera.width}x{camera.height} pixels"
+                )
     shrink = _shrink_factor(
         [camera for camera, _ in views], 3 + sum(_LAYERS[key][1] for key in layers), max_bytes, path
     )
@@ -199,75 +192,51 @@ or the path of its JSON file
     arrays: dict[str, list[np.ndarray]] = {key: [np.empty(0)] * len(frames) for key in layers}
 
     def read(t: int) -> None:
-        camera, turn = views[t]
-        images[t] = read_rgb(files[t], turn, shrink)
+        camera, rotate = views[t]
+        images[t] = read_rgb(files[t], rotate, shrink)
         for key, names in layers.items():
             arrays[key][t] = resample(_LAYERS[key][0](names[t]), (camera.width, camera.height), shrink)
 
     parallel(read, len(frames))
     return Dataset(
-        poses,
+        data.poses,
         images,
         [_shrunk(camera, shrink) for camera, _ in views],
         arrays.get("semantics_file_path"),
         arrays.get("depth_file_path"),
         [file.relative_to(path.parent).as_posix() for file in files],
-        meta,
+        meta | data.meta,
         "autonerf_lab" in content,
     )
 
 
-def _files(frames: list[dict], key: str, path: Path) -> list[Path]:
-    """The file of each frame; all are there, and no two are the same."""
-    names = [read_path(frame.get(key), key, f"{path}: frame {t}") for t, frame in enumerate(frames)]
-    found = [_find(path.parent / name) for name in names]
-    missing = [name for name, file in zip(names, found, strict=True) if file is None]
-    if missing:
-        raise DataError(
-            f"{path}: {missing[0][:200]!r} does not exist, and {len(missing)} of {len(names)} files of {key!r} are "
-            f"missing (also with {' '.join(_EXTENSIONS)}); bring them, or take their frames out"
-        )
-    first: dict[Path, int] = {}
-    for t, file in enumerate(files := [file for file in found if file]):
-        if first.setdefault(file, t) != t:
-            raise DataError(f"{path}: frames {first[file]} and {t} share the {key!r} {names[t]!r}; take one out")
-    return files
-
-
-def _find(file: Path) -> Path | None:
-    try:
-        return next((f for f in (file, *(Path(f"{file}{end}") for end in _EXTENSIONS)) if f.is_file()), None)
-    except OSError:  # a name that is too long
-        return None
-
-
 def _view(content: dict, frame: dict, file: Path, where: str) -> tuple[Intrinsics, bool]:
-    """The camera of an image as it is stored, and whether EXIF turns it by a quarter.
+    """Return the intrinsics of a stored image, and True if EXIF must rotate it.
 
-    Programs that find poses mostly look at the pixels as stored, so EXIF is believed only where the announced size
-    agrees with it alone.
+    Most structure-from-motion programs use the pixels as stored, so EXIF is used only if the announced size agrees
+    with the rotated image alone.
     """
-    size = picture_size(file)
+    size = image_size(file)
     announced = announced_size(content, frame, where) or size
     camera = read_camera(content, frame, announced, where)
-    turn = False
-    if not _same_view(size, announced):
-        turn = _same_view(size[::-1], announced) and is_turned(file)
-        if not turn:
+    rotate = False
+    if not _same_aspect(size, announced):
+        rotate = _same_aspect(size[::-1], announced) and is_rotated(file)
+        if not rotate:
             raise DataError(
-                f"{file} has {size[0]}x{size[1]} pixels, which is another shape than the announced "
+                f"{file} has {size[0]}x{size[1]} pixels, another aspect ratio than the announced "
                 f"{announced[0]}x{announced[1]}; correct 'w' and 'h', or the image"
             )
-    return camera if size == announced else camera.resized(*(size[::-1] if turn else size)), turn
+    return camera if size == announced else camera.resized(*(size[::-1] if rotate else size)), rotate
 
 
-def _same_view(a: tuple[int, int], b: tuple[int, int]) -> bool:
-    """Whether two sizes differ by a common factor, up to the rounding of one pixel."""
+def _same_aspect(a: tuple[int, int], b: tuple[int, int]) -> bool:
+    """Return True if two sizes differ by a common factor, up to one pixel of rounding."""
     return abs(a[0] * b[1] - a[1] * b[0]) < max(b)
 
 
 def _shrink_factor(cameras: Iterable[Intrinsics], pixel_bytes: int, max_bytes: int, path: Path) -> int:
-    """The smallest whole factor by which the images fit."""
+    """Return the smallest whole factor by which the images fit into ``max_bytes``."""
     sizes = np.array([(camera.height, camera.width) for camera in cameras])
     for factor in count(1):
         need = int(np.prod(-(-sizes // factor), axis=1).sum()) * pixel_bytes
@@ -277,14 +246,13 @@ def _shrink_factor(cameras: Iterable[Intrinsics], pixel_bytes: int, max_bytes: i
             raise DataError(f"{path}: {len(sizes)} images do not fit into max_bytes={max_bytes}; raise it")
     if factor > 1:
         warnings.warn(
-            f"{path}: the images are shrunk {factor} times, because they do not fit into max_bytes={max_bytes}",
-            stacklevel=3,
+            f"{path}: the images are downscaled {factor} times to fit into max_bytes={max_bytes}", stacklevel=3
         )
     return factor
 
 
 def _shrunk(camera: Intrinsics, factor: int) -> Intrinsics:
-    """The camera of a shrunk image, whose last row and column may be the mean of fewer pixels."""
+    """Return the intrinsics of a downscaled image; its last row and column may be means of fewer pixels."""
     return replace(
         camera,
         width=-(-camera.width // factor),

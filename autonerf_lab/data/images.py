@@ -1,9 +1,10 @@
-"""Image files by other hands, looked at before they are unpacked, then made RGB, metres or classes; and data URLs."""
+"""Readers of image files: checks of size and format before decoding, conversion to RGB, metres or classes."""
 
 import base64
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,27 +15,27 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.utils.resources import threads
 
 _FORMATS = ("PNG", "JPEG", "WEBP")
-_ORIENTATION = 0x0112  # of EXIF
+_ORIENTATION = 0x0112  # EXIF tag
 _ALPHA = ("RGBA", "LA", "PA")
 
 
 def parallel(work: Callable[[int], None], count: int) -> None:
-    """Call ``work(0)`` to ``work(count - 1)``.
+    """Call ``work(0)`` to ``work(count - 1)`` in threads.
 
-    Image coding lets go of the interpreter's lock, so that threads use as many cores.
+    Image coding releases the interpreter's lock, so that threads run in parallel.
     """
     with ThreadPoolExecutor(threads()) as pool:
         for _ in pool.map(work, range(count), chunksize=16):
             pass
 
 
-def picture_size(file: Path) -> tuple[int, int]:
-    """(width, height) in pixels, as stored: what the header says.
+def image_size(file: Path) -> tuple[int, int]:
+    """Return (width, height) in pixels by the header of a file.
 
-    Not for threads: it changes the warning filter for a moment.
+    Not thread-safe: it changes the warning filter temporarily.
 
     Raises:
-        DataError: not a PNG, JPEG or WebP image, or one that Pillow takes for a decompression bomb.
+        DataError: the file is not a PNG, JPEG or WebP image, or is a decompression bomb according to Pillow.
     """
     try:
         with warnings.catch_warnings():
@@ -42,13 +43,13 @@ def picture_size(file: Path) -> tuple[int, int]:
             with Image.open(file, formats=_FORMATS) as image:
                 return image.size
     except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-        raise DataError(f"{file} has too many pixels ({error}); shrink it") from error
-    except Exception as error:  # Pillow raises whatever its decoder met
+        raise DataError(f"{file} has too many pixels ({error}); downscale it") from error
+    except Exception as error:  # decoders of Pillow raise many types of errors
         raise DataError(f"{file} is not a readable PNG, JPEG or WebP image: {error}") from error
 
 
-def is_turned(file: Path) -> bool:
-    """Whether EXIF says that the picture is to be turned by a quarter to be upright."""
+def is_rotated(file: Path) -> bool:
+    """Return True if EXIF says that the stored image is rotated by 90 or 270 degrees."""
     try:
         with Image.open(file, formats=_FORMATS) as image:
             return image.getexif().get(_ORIENTATION) in (5, 6, 7, 8)
@@ -56,81 +57,100 @@ def is_turned(file: Path) -> bool:
         raise DataError(f"{file} is damaged: {error}") from error
 
 
-def read_rgb(file: Path, turn: bool = False, shrink: int = 1) -> np.ndarray:
-    """(H, W, 3) uint8 of any image, what is transparent on white.
+def read_rgb(file: Path, rotate: bool = False, shrink: int = 1, png_size: tuple[int, int] | None = None) -> np.ndarray:
+    """Read an image as (H, W, 3) uint8 RGB; transparent pixels are composited on white.
 
     Args:
         file: PNG, JPEG or WebP.
-        turn: as EXIF says.
+        rotate: rotate as EXIF says.
         shrink: whole factor; each pixel is the mean of ``shrink`` x ``shrink``, fewer at the right and lower edge.
+        png_size: accept only a PNG of this (width, height).
 
     Raises:
-        DataError: the file is damaged.
+        DataError: the file is damaged, or not a PNG of the given size.
     """
-    try:
-        with Image.open(file, formats=_FORMATS) as opened:
-            image = ImageOps.exif_transpose(opened) if turn else opened
-            if image.mode.startswith("I"):  # 16 bits of grey, which convert() would clip
-                image = Image.fromarray(((np.asarray(image).astype(np.uint32) + 128) // 257).astype(np.uint8))
-            if image.mode in _ALPHA or "transparency" in image.info:
-                image = image.convert("RGBA")
-                image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)
-            return np.array(image.convert("RGB").reduce(shrink))
-    except Exception as error:
-        raise DataError(f"{file} is damaged: {error}") from error
+    with _opened(file, png_size, _FORMATS) as opened:
+        image = ImageOps.exif_transpose(opened) if rotate else opened
+        if image.mode.startswith("I"):  # 16 bits of grey, which convert() would clip
+            image = Image.fromarray(((np.asarray(image).astype(np.uint32) + 128) // 257).astype(np.uint8))
+        if image.mode in _ALPHA or "transparency" in image.info:
+            image = image.convert("RGBA")
+            image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)
+        return np.array(image.convert("RGB").reduce(shrink))
 
 
-def read_depth(file: Path) -> np.ndarray:
-    """(H, W) float32 metres of a 16-bit PNG of millimetres."""
-    array = _read_integers(file)
+def read_depth(file: Path, png_size: tuple[int, int] | None = None) -> np.ndarray:
+    """Read a 16-bit PNG of millimetres as (H, W) float32 metres.
+
+    Raises:
+        DataError: the file is damaged, or not a 16-bit PNG (of the given size).
+    """
+    array = _read_integers(file, png_size)
     if array.dtype.itemsize < 2:
-        raise DataError(f"{file} must be a 16-bit PNG of millimetres; leave 'depth_file_path' out if it is a picture")
-    return to_metres(array)
-
-
-def read_classes(file: Path) -> np.ndarray:
-    """(H, W) uint8 class index."""
-    return to_classes(_read_integers(file), file)
-
-
-def _read_integers(file: Path) -> np.ndarray:
-    try:
-        with Image.open(file, formats=["PNG"]) as image:
-            array = np.asarray(image)
-    except Exception as error:
-        raise DataError(f"{file} is damaged, or not a PNG image: {error}") from error
-    return one_channel(array, file)
-
-
-def one_channel(array: np.ndarray, file: Path) -> np.ndarray:
-    """The same array, if it is one of integers."""
-    if array.ndim != 2 or array.dtype.kind not in "ui":
-        raise DataError(f"{file} must hold one channel of integers")
-    return array
-
-
-def to_metres(array: np.ndarray) -> np.ndarray:
-    """Millimetres -> float32 metres."""
+        raise DataError(f"{file} must be a 16-bit PNG of millimetres; remove 'depth_file_path' if it has no depth")
     return array.astype(np.float32) / np.float32(1000)
 
 
-def to_classes(array: np.ndarray, file: Path) -> np.ndarray:
-    """The same array as uint8, if it holds classes."""
+def read_classes(file: Path, png_size: tuple[int, int] | None = None) -> np.ndarray:
+    """Read a PNG of class indices as (H, W) uint8.
+
+    Raises:
+        DataError: the file is damaged, or not a PNG (of the given size), or contains a class that does not exist.
+    """
+    array = _read_integers(file, png_size)
     if array.max() >= NUM_CLASSES:
-        raise DataError(f"{file} holds the class {array.max()}; classes are 0 to {NUM_CLASSES - 1}")
+        raise DataError(f"{file} contains the class {array.max()}; classes are 0 to {NUM_CLASSES - 1}")
     return array.astype(np.uint8)
 
 
+def check_png(file: Path, size: tuple[int, int]) -> None:
+    """Check the header of a PNG.
+
+    Raises:
+        DataError: the file is missing, is no PNG, or has not the given (width, height).
+    """
+    with _opened(file, size, ("PNG",)):
+        pass
+
+
+def _read_integers(file: Path, png_size: tuple[int, int] | None) -> np.ndarray:
+    with _opened(file, png_size, ("PNG",)) as image:
+        array = np.asarray(image)
+    if array.ndim != 2 or array.dtype.kind not in "ui":
+        raise DataError(f"{file} must have one channel of integers")
+    return array
+
+
+@contextmanager
+def _opened(file: Path, png_size: tuple[int, int] | None, formats: tuple[str, ...]) -> Iterator[Image.Image]:
+    """Open an image; with ``png_size``, check format and size before anything is decoded."""
+    try:
+        with Image.open(file, formats=("PNG",) if png_size else formats) as image:
+            if png_size and image.size != png_size:
+                width, height = image.size
+                raise DataError(f"{file} has {width}x{height} pixels, transforms.json says {png_size[0]}x{png_size[1]}")
+            yield image
+    except DataError:
+        raise
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
+        raise DataError(f"{file} has too many pixels ({error}); downscale it") from error
+    except FileNotFoundError as error:
+        raise DataError(f"{file} does not exist") from error
+    except Exception as error:  # decoders of Pillow raise many types of errors
+        kind = "a PNG image" if png_size or formats == ("PNG",) else "a PNG, JPEG or WebP image"
+        raise DataError(f"{file} is damaged, or not {kind}: {error}") from error
+
+
 def resample(array: np.ndarray, size: tuple[int, int], shrink: int = 1) -> np.ndarray:
-    """The nearest values of a layer, one for each pixel of an image; a mean of classes would be another class.
+    """Resample a layer to the pixels of an image by nearest neighbours, because a mean of classes is another class.
 
     Args:
-        array: (h, w), of the same view as the image.
-        size: (width, height) of the image as stored.
-        shrink: the factor by which the image is shrunk.
+        array: (h, w) layer of the same view as the image.
+        size: (width, height) of the stored image.
+        shrink: whole factor by which the image is downscaled.
 
     Returns:
-        (H, W), H and W those of the shrunk image.
+        (H, W), the size of the downscaled image.
 
     Example:
         >>> resample(np.array([[1, 2], [3, 4]]), (4, 2))
@@ -145,10 +165,10 @@ def resample(array: np.ndarray, size: tuple[int, int], shrink: int = 1) -> np.nd
 
 
 def data_url(data: bytes, kind: str) -> str:
-    """The address of an image that a page carries in itself.
+    """Return a data URL, which embeds an image in a page.
 
     Args:
-        data: of the image file.
+        data: content of the image file.
         kind: ``png``, ``jpeg`` or ``webp``.
 
     Example:

@@ -1,36 +1,93 @@
-"""The words of a ``transforms.json``, and what is refused in one: shared by all who read it.
+"""Reader of ``transforms.json``, shared by trajectories and photographs.
 
-Each function is given ``where``, the file and frame that its error names.
+Functions take ``where``, the file or frame that an error message names.
 """
 
-from pathlib import PurePosixPath, PureWindowsPath
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
 
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.utils.storage import read_json
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 1  # of the key ``autonerf_lab``
 MAX_SIDE = 16384  # pixels
+_EXTENSIONS = (".png", ".jpg", ".jpeg", ".JPG", ".PNG", ".JPEG", ".webp", ".WEBP")
 _MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-_LENS = ("k1", "k2", "k3", "p1", "p2")
-_BEYOND = ("k4", "k5", "k6")  # of OpenCV's rational model, or of a fisheye
+_DISTORTION = ("k1", "k2", "k3", "p1", "p2")
+_UNSUPPORTED = ("k4", "k5", "k6")  # of OpenCV's rational model, or of a fisheye
 _FOCAL_X, _FOCAL_Y = ("fl_x", "camera_angle_x"), ("fl_y", "camera_angle_y")
 _UNDISTORT = "undistort the images first, for example with COLMAP's image_undistorter"
 
-CAMERA_KEYS = {"camera_model", "is_fisheye", "w", "h", "cx", "cy", *_FOCAL_X, *_FOCAL_Y, *_LENS, *_BEYOND}
+CAMERA_KEYS = {"camera_model", "is_fisheye", "w", "h", "cx", "cy", *_FOCAL_X, *_FOCAL_Y, *_DISTORTION, *_UNSUPPORTED}
+
+
+@dataclass(frozen=True)
+class Transforms:
+    """Content of a ``transforms.json`` with validated frames and poses."""
+
+    path: Path
+    content: dict[str, Any]  # the whole JSON object
+    frames: list[dict]  # T JSON objects
+    poses: np.ndarray  # (T, 4, 4) float64 camera-to-world
+    meta: dict[str, Any]  # content of the key ``autonerf_lab``; empty for other files
+
+    def where(self, t: int) -> str:
+        """Return the name of a frame for messages."""
+        return f"{self.path}: frame {t}"
+
+    def files(self, key: str) -> list[Path]:
+        """Return the file of each frame under a key, such as ``file_path``.
+
+        Raises:
+            DataError: a file does not exist, or two frames share one.
+        """
+        names = [read_path(frame.get(key), key, self.where(t)) for t, frame in enumerate(self.frames)]
+        found = [_find(self.path.parent / name) for name in names]
+        missing = [name for name, file in zip(names, found, strict=True) if file is None]
+        if missing:
+            raise DataError(
+                f"{self.path}: {missing[0][:200]!r} does not exist, and {len(missing)} of {len(names)} files of "
+                f"{key!r} are missing (also with {' '.join(_EXTENSIONS)}); add them, or remove their frames"
+            )
+        first: dict[Path, int] = {}
+        for t, file in enumerate(files := [file for file in found if file]):
+            if first.setdefault(file, t) != t:
+                raise DataError(
+                    f"{self.path}: frames {first[file]} and {t} share the {key!r} {names[t]!r}; remove one of them"
+                )
+        return files
+
+
+def read_transforms(path: Path, *, strict: bool = False) -> Transforms:
+    """Read the frames, poses and metadata of a ``transforms.json``.
+
+    Args:
+        path: the JSON file.
+        strict: accept rigid 4x4 poses only; otherwise nearly rigid poses are corrected, see :func:`read_pose`.
+
+    Raises:
+        DataError: the file is missing or damaged, or a frame or pose is not valid.
+    """
+    content = read_json(path)
+    meta, frames = read_meta(content, path), read_frames(content, path)
+    read = read_rigid_pose if strict else read_pose
+    poses = [read(frame.get("transform_matrix"), f"{path}: frame {t}") for t, frame in enumerate(frames)]
+    return Transforms(path, content, frames, np.stack(poses), meta)
 
 
 def number(value: object, name: str, where: object) -> float:
-    """A finite number below 1e9.
+    """Return a finite number below 1e9 as a float.
 
     Example:
         >>> number("1", "cx", "a.json")
         Traceback (most recent call last):
         autonerf_lab.errors.DataError: a.json: 'cx' must be a finite number, not '1'
     """
-    # Python prints no integer of more than 4300 digits
+    # Python does not print integers of more than 4300 digits
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
         shown = "a huge integer" if isinstance(value, int) and abs(value) >= 1e9 else repr(str(value)[:40])
         raise DataError(f"{where}: {name!r} must be a finite number, not {shown}")
@@ -38,7 +95,7 @@ def number(value: object, name: str, where: object) -> float:
 
 
 def side(value: object, name: str, where: object) -> int:
-    """A number of pixels, 1 to :data:`MAX_SIDE`."""
+    """Return a number of pixels, 1 to :data:`MAX_SIDE`."""
     pixels = number(value, name, where)
     if pixels != int(pixels) or not 1 <= pixels <= MAX_SIDE:
         raise DataError(f"{where}: {name!r} must be a whole number between 1 and {MAX_SIDE}")
@@ -46,7 +103,7 @@ def side(value: object, name: str, where: object) -> int:
 
 
 def read_frames(content: dict, where: object) -> list[dict]:
-    """The frames, at least one."""
+    """Return the frames, at least one."""
     frames = content.get("frames")
     if not isinstance(frames, list) or not frames:
         raise DataError(f"{where}: 'frames' must be a list of at least one frame")
@@ -56,7 +113,7 @@ def read_frames(content: dict, where: object) -> list[dict]:
 
 
 def read_meta(content: dict, where: object) -> dict[str, Any]:
-    """What a walk of this project says about itself; empty for others."""
+    """Return the metadata of a trajectory of this package; empty for other files."""
     meta = content.get("autonerf_lab", {"version": FORMAT_VERSION})
     if not isinstance(meta, dict):
         raise DataError(f"{where}: 'autonerf_lab' must be a JSON object")
@@ -68,7 +125,7 @@ def read_meta(content: dict, where: object) -> dict[str, Any]:
 
 
 def read_path(value: object, key: str, where: object) -> str:
-    r"""A path inside the folder, with forward slashes and without ``./``.
+    r"""Return a path inside the folder, with forward slashes and without ``./``.
 
     Example:
         >>> read_path(".\\images\\a.png", "file_path", "a.json")
@@ -86,7 +143,7 @@ def read_path(value: object, key: str, where: object) -> str:
 
 
 def announced_size(content: dict, frame: dict, where: object) -> tuple[int, int] | None:
-    """(width, height) in pixels; the frame's own come first. None when there are none."""
+    """Return (width, height) in pixels of a frame, or else of the file; None if neither has a size."""
     values = [frame.get(key, content.get(key)) for key in ("w", "h")]
     if values == [None, None]:
         return None
@@ -94,17 +151,17 @@ def announced_size(content: dict, frame: dict, where: object) -> tuple[int, int]
 
 
 def read_camera(content: dict, frame: dict, size: tuple[int, int], where: object) -> Intrinsics:
-    """The camera of a frame, whose own values come before those of the whole file.
+    """Return the intrinsics of a frame; its own values override those of the file.
 
     Args:
-        content: the file: ``fl_x`` (pixels) or ``camera_angle_x`` (radians), and the same for y where pixels are not
-            square; ``cx`` and ``cy`` (pixels; the middle when absent); the lens, ``k1 k2 k3 p1 p2``.
-        frame: the frame, which may have any of them too.
-        size: (width, height) in pixels, to which those values belong.
-        where: the file and frame, for the message.
+        content: JSON object of the file: ``fl_x`` (pixels) or ``camera_angle_x`` (radians), and the same for y where
+            pixels are not square; ``cx`` and ``cy`` (pixels; default: image centre); distortion ``k1 k2 k3 p1 p2``.
+        frame: JSON object of the frame, which may have any of these keys.
+        size: (width, height) in pixels to which the values refer.
+        where: file and frame, for messages.
 
     Raises:
-        DataError: a camera that is not described, not one that a lens can make, or a fisheye or panorama.
+        DataError: the focal length is missing, a value is implausible, or the camera is a fisheye or panorama.
 
     Example:
         >>> read_camera({"camera_angle_x": np.pi / 2}, {"k1": 0.1}, (8, 6), "a.json")
@@ -116,10 +173,12 @@ def read_camera(content: dict, frame: dict, size: tuple[int, int], where: object
         raise DataError(f"{where}: the camera model {model!r} is not one of {', '.join(_MODELS)}; {_UNDISTORT}")
     if both.get("is_fisheye") not in (None, False):
         raise DataError(f"{where}: 'is_fisheye' is set, and fisheye lenses are not supported; {_UNDISTORT}")
-    for name in _BEYOND:
+    for name in _UNSUPPORTED:
         if number(both.get(name, 0), name, where):
-            raise DataError(f"{where}: {name!r} is not zero, and only {', '.join(_LENS)} are supported; {_UNDISTORT}")
-    # A focal length of the frame also comes before an angle of the file, and the other way round.
+            raise DataError(
+                f"{where}: {name!r} is not zero, and only {', '.join(_DISTORTION)} are supported; {_UNDISTORT}"
+            )
+    # A focal length of the frame also overrides an angle of the file, and the other way round.
     source = frame if any(key in frame for key in (*_FOCAL_X, *_FOCAL_Y)) else content
     fl_x, fl_y = _focal(source, _FOCAL_X, size[0], where), _focal(source, _FOCAL_Y, size[1], where)
     if fl_x is None and fl_y is None:
@@ -132,12 +191,12 @@ def read_camera(content: dict, frame: dict, size: tuple[int, int], where: object
             f"{where}: focal lengths of {fl_x:g} and {fl_y:g} pixels do not go with {size[0]}x{size[1]} pixels"
         )
     if max(abs(cx), abs(cy)) > 10 * longest:
-        raise DataError(f"{where}: the middle of the lens (cx, cy) = ({cx:g}, {cy:g}) is far outside the image")
-    return Intrinsics(*size, fl_x, fl_y, cx, cy, *(number(both.get(key, 0), key, where) for key in _LENS))
+        raise DataError(f"{where}: the principal point (cx, cy) = ({cx:g}, {cy:g}) is far outside the image")
+    return Intrinsics(*size, fl_x, fl_y, cx, cy, *(number(both.get(key, 0), key, where) for key in _DISTORTION))
 
 
 def _focal(source: dict, keys: tuple[str, str], pixels: int, where: object) -> float | None:
-    """The focal length of one axis in pixels, told as such or by the angle of view."""
+    """Return the focal length of one axis in pixels, given directly or by the angle of view; None if neither is."""
     length, angle = keys
     if length in source:
         focal = number(source[length], length, where)
@@ -153,13 +212,13 @@ def _focal(source: dict, keys: tuple[str, str], pixels: int, where: object) -> f
 
 
 def read_pose(matrix: object, where: object) -> np.ndarray:
-    """(4, 4) float64 camera-to-world of a file by other hands: 3 or 4 rows, and a rotation that is nearly one.
+    """Return a (4, 4) float64 camera-to-world pose given by 3 or 4 rows.
 
-    A scale of the rotation is taken out, and so is what keeps it from being orthogonal, up to 2 %. A rigid pose keeps
+    A scale of the rotation is removed, and the rotation is made orthogonal if it is so within 2 %. A rigid pose keeps
     all its bits.
 
     Raises:
-        DataError: not a pose, mirrored, or sheared.
+        DataError: the matrix is not a pose, or is mirrored or sheared.
 
     Example:
         >>> read_pose([[2, 0, 0, 5], [0, 2, 0, 6], [0, 0, 2, 7]], "a.json")[0]
@@ -187,3 +246,26 @@ def read_pose(matrix: object, where: object) -> np.ndarray:
     pose[:3, :3] = u @ v
     pose[3] = 0, 0, 0, 1
     return pose
+
+
+def read_rigid_pose(matrix: object, where: object) -> np.ndarray:
+    """Return a (4, 4) float64 camera-to-world pose given by 4 rows, unchanged.
+
+    Raises:
+        DataError: the matrix is not a rigid pose.
+    """
+    name = "'transform_matrix'"
+    if not isinstance(matrix, list) or [len(row) if isinstance(row, list) else 0 for row in matrix] != [4] * 4:
+        raise DataError(f"{where}: {name} must be 4 rows of 4 numbers")
+    pose = np.array([[number(value, "transform_matrix", where) for value in row] for row in matrix])
+    rigid = np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-4) and np.linalg.det(pose[:3, :3]) > 0
+    if not rigid or not np.allclose(pose[3], (0, 0, 0, 1)):
+        raise DataError(f"{where}: {name} is not a rigid camera-to-world pose")
+    return pose
+
+
+def _find(file: Path) -> Path | None:
+    try:
+        return next((f for f in (file, *(Path(f"{file}{end}") for end in _EXTENSIONS)) if f.is_file()), None)
+    except OSError:  # the name is too long
+        return None

@@ -1,5 +1,7 @@
-"""Gymnasium environments; importing ``autonerf_lab`` registers them. A process that has not imported it, as a spawned
-one may not have, writes ``gymnasium.make("autonerf_lab:AutoNeRF/Explore-v0")``.
+"""Gymnasium environments.
+
+Importing ``autonerf_lab`` registers them. In a process that has not imported it, such as a spawned worker, write
+``gymnasium.make("autonerf_lab:AutoNeRF/Explore-v0")``.
 
 Example:
     >>> import gymnasium
@@ -19,6 +21,6 @@ ENVS = {
 }
 
 
-for _name, _place in ENVS.items():
+for _name, _path in ENVS.items():
     if _name not in registry:
-        register(_name, entry_point=_place)  # as text: nothing is imported before an environment is made
+        register(_name, entry_point=_path)  # a string, so that the module is imported only when it is used

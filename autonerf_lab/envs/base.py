@@ -1,4 +1,4 @@
-"""What the environments share: scenes drawn at every reset, the robot in them, and the map it makes."""
+"""Base classes of the environments: a scene sampled at every reset, a robot in it, and its map."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -12,33 +12,33 @@ from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.policies.interfaces import MAP_WINDOWS, WINDOW_METRES
 from autonerf_lab.rewards import PrivilegedReward, Reward, evaluate, make_reward, name_of
 from autonerf_lab.scenes import Scene, load_scene, scene_names
-from autonerf_lab.simulator import Noise, Simulator
+from autonerf_lab.simulator import MotionNoise, Simulator
 from autonerf_lab.types import MapState, Observation, Transition
 
-Seen = dict[str, Any]  # an observation
+ObsDict = dict[str, Any]  # observation of an environment
 ActType = TypeVar("ActType")
 
 
 @lru_cache(maxsize=32)
 def _shared(name: str) -> Scene:
-    """A frozen scene, once for all environments of this process: baking its texture takes longer than an episode."""
+    """Load a library scene once per process, because baking its texture takes longer than an episode."""
     return load_scene(name)
 
 
-class SceneEnv(gymnasium.Env[Seen, ActType], Generic[ActType]):
-    """A robot in a scene that is drawn at every reset.
+class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
+    """Environment of a robot in a scene that is sampled at every reset.
 
     Args:
-        scene: a name, a scene, or several of them; without it, the 25 training scenes.
+        scene: name of a scene, a scene, or a sequence of both; None for the 25 training scenes.
         size: S, pixels a side of the robot's images.
-        rgb: False leaves colours black, which is several times faster.
-        supersample: samples a pixel side of the colours.
-        noise: of motion and odometry.
-        render_mode: None or ``"rgb_array"``, the robot's view.
+        rgb: False leaves the color images black, which is several times faster.
+        supersample: samples per pixel side of the color images.
+        noise: noise of actuation and odometry; None for no noise.
+        render_mode: None, or ``"rgb_array"`` for the robot's color image.
 
     Raises:
-        UnknownNameError: no such scene.
-        ValueError: no scene at all, or a render mode that does not exist.
+        UnknownNameError: unknown scene.
+        ValueError: no scene, or an unknown render mode.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - gymnasium's own attribute
@@ -49,7 +49,7 @@ class SceneEnv(gymnasium.Env[Seen, ActType], Generic[ActType]):
         size: int = 64,
         rgb: bool = True,
         supersample: int = 1,
-        noise: Noise | None = None,
+        noise: MotionNoise | None = None,
         render_mode: str | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -57,36 +57,36 @@ class SceneEnv(gymnasium.Env[Seen, ActType], Generic[ActType]):
         chosen = scene_names("train") if scene is None else scene
         self._scenes: list[str | Scene] = [chosen] if isinstance(chosen, str | Scene) else list(chosen)
         if not self._scenes:
-            raise ValueError("at least one scene is needed")
+            raise ValueError("scene must name at least one scene, not an empty sequence")
         self._intrinsics = Intrinsics.from_fov(size, size)
         self._rgb, self._supersample, self._noise = rgb, supersample, noise
         self._simulators: dict[int, Simulator] = {}
         for name in {s for s in self._scenes if isinstance(s, str)} - set(scene_names()):
-            load_scene(name)  # a wrong name fails here, not at some later reset
+            load_scene(name)  # an unknown name fails here and not at a later reset
         self._sim = self._simulator(0)
         self._observation: Observation | None = None
         self.render_mode = render_mode
 
     @property
     def sim(self) -> Simulator:
-        """The simulator of this episode's scene."""
+        """Simulator of the current scene."""
         return self._sim
 
     @property
     def observation(self) -> Observation:
-        """What the robot saw last."""
+        """Last observation of the robot."""
         assert self._observation is not None, "reset the environment first"
         return self._observation
 
     def _begin(self, seed: int | None) -> Observation:
-        """Draw a scene and a start."""
+        """Sample a scene and a start pose."""
         super().reset(seed=seed)
         self._sim = self._simulator(int(self.np_random.integers(len(self._scenes))))
         self._observation = self._sim.reset(seed=int(self.np_random.integers(2**31)))
         return self._observation
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """The robot's view, (S, S, 3) uint8, in the mode ``rgb_array``."""
+        """Return the robot's color image, (S, S, 3) uint8; None without render mode or before the first reset."""
         if self.render_mode != "rgb_array" or self._observation is None:
             return None
         return self.observation.rgb if self._rgb else self._sim.render(self._sim.pose).rgb
@@ -101,30 +101,30 @@ class SceneEnv(gymnasium.Env[Seen, ActType], Generic[ActType]):
 
 
 class MappingEnv(SceneEnv[ActType]):
-    """A robot that maps what it sees and is rewarded for it. The episode never terminates; it is truncated.
+    """Environment of a robot that builds a map and gets a reward for each step.
 
     Args:
         reward: a name of :func:`autonerf_lab.rewards.available`, a weighted sum (``"cov+0.1*nov"``), or a reward.
-        max_steps: the robot's actions an episode.
-        window: W, cells a side of the part of the map around the robot, 12 m wide: 240 are 5 cm each.
-        options: of :class:`SceneEnv`.
+        max_steps: number of robot actions after which the episode is truncated; it never terminates.
+        window: W, cells a side of the window of the map around the robot, which is 12 m wide; 240 gives cells of 5 cm.
+        options: arguments of :class:`SceneEnv`.
 
     Raises:
-        UnknownNameError: no such scene or reward.
-        RewardError: in an episode, a reward failed or is not a finite float; names reward, value and step.
+        UnknownNameError: unknown scene or reward.
+        RewardError: during an episode, a reward raised or is not a finite number; names reward, value and step.
     """
 
     def __init__(self, reward: str | Reward = "cov", max_steps: int = 1500, window: int = 240, **options: Any) -> None:
         super().__init__(**options)
         self.reward, self._reward_name = make_reward(reward), name_of(reward)
-        self._terms: dict[str, float] = {}  # of a sum of rewards, since ``info`` was last made
+        self._terms: dict[str, float] = {}  # terms of a weighted sum, accumulated since the last ``info``
         self._max_steps, self._window = max_steps, window
         self._mapper: Mapper | None = None
         self._path = 0.0
 
     @property
     def map(self) -> MapState:
-        """Everything seen in this episode; its arrays are those of the next step but one."""
+        """Map of this episode. Buffers are reused after two steps; copy to keep."""
         assert self._mapper is not None, "reset the environment first"
         return self._mapper.map
 
@@ -134,17 +134,17 @@ class MappingEnv(SceneEnv[ActType]):
         self._mapper = Mapper(start, self._intrinsics)
         self._mapper.add(observation)
         self._path = 0.0
-        forget = getattr(self.reward, "reset", None)
-        if forget is not None:
-            forget(self.np_random)
+        reset = getattr(self.reward, "reset", None)
+        if reset is not None:
+            reset(self.np_random)
         if isinstance(self.reward, PrivilegedReward):
-            self.reward.show([self._reference() for _ in range(self.reward.references)])
+            self.reward.set_references([self._reference() for _ in range(self.reward.references)])
         self._terms = {}
         self._count_terms()
         return observation
 
     def _reference(self) -> Observation:
-        """What is seen from anywhere in the scene: for a reward, and never for a policy."""
+        """Render the scene at a random navigable pose: ground truth for a privileged reward, never for a policy."""
         pose = self._sim.sample_pose(self.np_random)
         frame = self._sim.render(pose, self._rgb)
         return Observation(frame.rgb, frame.depth, frame.semantics, pose)
@@ -154,11 +154,11 @@ class MappingEnv(SceneEnv[ActType]):
             self._terms[name] = self._terms.get(name, 0.0) + value
 
     def _advance(self, action: int) -> float:
-        """One action of the robot: look, map, reward."""
+        """Apply one action, update the map and return the reward."""
         assert self._mapper is not None, "reset the environment first"
-        place = self._sim.pose[:2, 3]
+        before_move = self._sim.pose[:2, 3]
         self._observation = observation = self._sim.step(action)
-        self._path += float(np.linalg.norm(self._sim.pose[:2, 3] - place))
+        self._path += float(np.linalg.norm(self._sim.pose[:2, 3] - before_move))
         before, after = self._mapper.add(observation)
         reward = evaluate(self.reward, Transition(before, after, observation, action), self._reward_name)
         self._count_terms()

@@ -1,4 +1,4 @@
-"""``AutoNeRF/Explore-v0``: the three actions, images and the map."""
+"""``AutoNeRF/Explore-v0``: exploration with single actions."""
 
 from typing import Any
 
@@ -6,23 +6,36 @@ import numpy as np
 from gymnasium import spaces
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.envs.base import MappingEnv, Seen
-from autonerf_lab.policies.interfaces import place_of, window_of
+from autonerf_lab.envs.base import MappingEnv, ObsDict
+from autonerf_lab.policies.interfaces import robot_mask, window_slices
 from autonerf_lab.types import Action, MapState
 
-MAX_DEPTH = 100.0  # metres; farther surfaces read this
+MAX_DEPTH = 100.0  # metres; larger depths are clipped
 
 
 class ExploreEnv(MappingEnv[np.int64]):
-    """Explore an apartment; the reward is what one step adds to the map.
+    """Exploration of an apartment, one action per step.
 
-    Observation, a dict: ``rgb`` (S, S, 3) uint8, ``depth`` (S, S) float32 metres, ``semantics`` (S, S) uint8, ``pose``
-    (4, 4) float64 by odometry, ``map`` (5, W, W) uint8: the part of the map around the robot, north up in rows of
-    growing y: occupied, explored, the robot's cell, visited, class (0 = none). ``info`` holds ``explored_m2``,
-    ``collided``, ``path_m`` and the name of the ``scene``; the whole map is ``env.unwrapped.map``.
+    Action space: ``Discrete(3)``: 0 forward 25 cm, 1 turn left, 2 turn right by 30 degrees.
+
+    Observation space: ``Dict``: ``rgb`` (S, S, 3) uint8; ``depth`` (S, S) float32, metres; ``semantics`` (S, S) uint8,
+    class index; ``pose`` (4, 4) float64, camera-to-world by odometry; ``map`` (5, W, W) uint8, the window around the
+    robot, rows of growing y: occupied, explored, the robot's cell, visited, class index (0 = none).
+
+    Rewards: the chosen reward of every step; ``cov`` is the newly explored area in m².
+
+    Starting state: a random scene and a random navigable pose.
+
+    Episode end: truncated after ``max_steps`` actions; never terminated.
+
+    Info: ``explored_m2``, explored area; ``collided`` in this step; ``path_m``, distance travelled; ``scene``, its
+    name; ``reward_terms`` for a weighted sum. The whole map is ``env.unwrapped.map``.
+
+    Version: v0.
 
     Args:
-        options: of :class:`~autonerf_lab.envs.base.MappingEnv`: scene, reward, max_steps, window, size, rgb, ...
+        options: arguments of :class:`~autonerf_lab.envs.base.MappingEnv` and its base class: scene, reward, max_steps,
+            window, size, rgb, supersample, noise, render_mode.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -39,17 +52,19 @@ class ExploreEnv(MappingEnv[np.int64]):
             }
         )
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Seen, dict[str, Any]]:
-        """Start an episode: in a drawn scene, at a drawn pose."""
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[ObsDict, dict[str, Any]]:
+        """Start an episode in a random scene at a random pose."""
         self._begin(seed)
-        return self._seen(), self._info()
+        return self._encode(), self._info()
 
-    def step(self, action: np.int64) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        """One action."""
+    def step(self, action: np.int64) -> tuple[ObsDict, float, bool, bool, dict[str, Any]]:
+        """Apply one action."""
         reward = self._advance(int(action))
-        return self._seen(), reward, False, self._over, self._info()
+        return self._encode(), reward, False, self._over, self._info()
 
-    def _seen(self) -> Seen:
+    def _encode(self) -> ObsDict:
         return {
             "rgb": self.observation.rgb,
             "depth": np.minimum(self.observation.depth, np.float32(MAX_DEPTH)),
@@ -60,14 +75,14 @@ class ExploreEnv(MappingEnv[np.int64]):
 
 
 def local_window(map: MapState, window: int) -> np.ndarray:
-    """The map around the robot.
+    """Extract the window of a map around the robot.
 
     Returns:
-        (5, window, window) uint8: occupied, explored, the robot's cell, visited, class (the highest one in the cell).
+        (5, window, window) uint8: occupied, explored, the robot's cell, visited, class (highest index of a cell).
     """
-    view = window_of(map, window)
+    view = window_slices(map, window)
     out = np.zeros((5, window, window), np.uint8)
-    out[0], out[1], out[2], out[3] = map.occupied[view], map.explored[view], place_of(map)[view], map.visited[view]
+    out[0], out[1], out[2], out[3] = map.occupied[view], map.explored[view], robot_mask(map)[view], map.visited[view]
     for k, mask in enumerate(map.semantics):
         out[4][mask[view]] = k + 1
     return out

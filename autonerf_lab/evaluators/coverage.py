@@ -1,4 +1,4 @@
-"""Exploration (task 8 of the protocol): how much of what can be seen in a scene a walk has seen, step by step."""
+"""Exploration (task 8 of the protocol): coverage of the visible scene along a trajectory."""
 
 import numpy as np
 
@@ -9,12 +9,18 @@ from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import MapState, Observation
 
+# channel of the map -> name of the curve
 QUANTITIES = {"explored": "area", "occupied": "obstacles", "semantics": "semantics", "viewpoints": "viewpoints"}
-MARGIN = 1.0  # metres of map around the scene
+MARGIN = 1.0  # of the map around the scene, metres
 
 
 def visible_map(sim: Simulator, poses: int = 2000, seed: int = 0) -> MapState:
-    """The map of a robot that has been everywhere: what is visible from ``poses`` seeded navigable poses.
+    """Build the map of everything that is visible from navigable poses.
+
+    Args:
+        sim: simulator of the scene.
+        poses: number of poses.
+        seed: random seed of the poses.
 
     Example:
         >>> from autonerf_lab.geometry import Intrinsics
@@ -27,29 +33,29 @@ def visible_map(sim: Simulator, poses: int = 2000, seed: int = 0) -> MapState:
     rng = np.random.default_rng(seed)
     mapper = Mapper(_blank(sim), sim.intrinsics)
     for _ in range(poses):
-        _look(sim, mapper, sim.sample_pose(rng))
+        _observe(sim, mapper, sim.sample_pose(rng))
     return mapper.map
 
 
-def coverage(sim: Simulator, walk: Trajectory, visible: MapState) -> dict[str, np.ndarray]:
-    """Share of the visible cells that a walk has mapped after each of its T steps.
+def coverage(sim: Simulator, trajectory: Trajectory, visible: MapState) -> dict[str, np.ndarray]:
+    """Compute the percentage of the visible cells that are mapped after each step of a trajectory.
 
     Args:
-        sim: of the scene; its camera looks again from the poses of the walk, where the robot really was.
-        walk: T images.
-        visible: what there is to see, from :func:`visible_map` of the same simulator.
+        sim: simulator of the scene; it renders depth again, from the true poses of the trajectory.
+        trajectory: T images.
+        visible: result of :func:`visible_map` with the same simulator.
 
     Returns:
-        ``area``, ``obstacles``, ``semantics`` and ``viewpoints``: (T,) percent each; never falling. A quantity that the
-        scene does not have (a scan without semantics) is 100 throughout.
+        ``area``, ``obstacles``, ``semantics`` and ``viewpoints``: (T,) percent each, non-decreasing. If the visible map
+        has no cell of a channel (a scan without semantics), the value is 100.
     """
     shares: dict[str, list[float]] = {name: [] for name in QUANTITIES.values()}
     totals = {key: int(np.count_nonzero(getattr(visible, key))) for key in QUANTITIES}
-    truth = walk.meta.get("true_poses")
-    poses = walk.poses if truth is None else [planar_pose(*pose) for pose in truth]
+    truth = trajectory.meta.get("true_poses")
+    poses = trajectory.poses if truth is None else [planar_pose(*pose) for pose in truth]
     mapper = Mapper(_blank(sim), sim.intrinsics)
     for pose in poses:
-        known = _look(sim, mapper, np.asarray(pose))
+        known = _observe(sim, mapper, np.asarray(pose))
         for key, name in QUANTITIES.items():
             seen = np.count_nonzero(getattr(known, key) & getattr(visible, key))
             shares[name].append(100.0 * seen / totals[key] if totals[key] else 100.0)
@@ -57,7 +63,7 @@ def coverage(sim: Simulator, walk: Trajectory, visible: MapState) -> dict[str, n
 
 
 def area_under(curve: np.ndarray) -> float:
-    """Mean of a curve over its steps: what tells walks apart when their ends are all alike."""
+    """Return the mean of a curve over its steps, which also differs between trajectories with the same final value."""
     return float(np.mean(curve))
 
 
@@ -67,6 +73,6 @@ def _blank(sim: Simulator) -> MapState:
     return empty_map(planar_pose(x, y, 0.0), int(np.ceil((np.max(high - low) + 2 * MARGIN) / MAP_CELL)))
 
 
-def _look(sim: Simulator, mapper: Mapper, pose: np.ndarray) -> MapState:
+def _observe(sim: Simulator, mapper: Mapper, pose: np.ndarray) -> MapState:
     frame = sim.render(pose, rgb=False)
     return mapper.add(Observation(frame.rgb, frame.depth, frame.semantics, pose))[1]

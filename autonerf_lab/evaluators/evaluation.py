@@ -1,6 +1,7 @@
-"""``evaluate``: every task of the protocol for one field in one scene. A task that fails gives rows that say so.
+"""Function ``evaluate``: score a field in the tasks of the protocol.
 
-A field of photographs, of which no truth is known, is scored on those that it was not trained on.
+If a task fails, its rows give the reason and the other tasks continue. A field of photographs, for which no ground
+truth exists, is scored on held-out photographs.
 """
 
 import time
@@ -16,13 +17,16 @@ from autonerf_lab.config import preset as get_preset
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
+from autonerf_lab.evaluators.context import EvaluationContext
 from autonerf_lab.evaluators.lpips import Lpips
+from autonerf_lab.evaluators.metrics import METRICS
 from autonerf_lab.evaluators.nearest_view import NearestView
 from autonerf_lab.evaluators.oracle import TrueField
-from autonerf_lab.evaluators.radiance_field import Field
+from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
 from autonerf_lab.evaluators.scores import Scores
-from autonerf_lab.evaluators.tasks import METRICS, Run, rows_of, run_task
+from autonerf_lab.evaluators.task import Task
+from autonerf_lab.evaluators.tasks import DEFAULT_TASKS, TASKS, available, rows_of, run_task
 from autonerf_lab.evaluators.tsdf import fused_scores
 from autonerf_lab.nerf.frame import FieldFrame
 
@@ -33,19 +37,21 @@ if TYPE_CHECKING:
 def _check_scene(what: str, poses: np.ndarray, meta: Mapping[str, Any], frame: FieldFrame, scene: "Scene") -> None:
     name, known = meta.get("scene"), meta.get("scene_sha256")
     if name and name != scene.name:
-        raise DataError(f"{what} shows scene {name!r}, not {scene.name!r}; evaluate in the scene it was made in")
+        raise DataError(f"{what} belongs to scene {name!r}, not {scene.name!r}; evaluate it in its own scene")
     if known and known != scene.sha256:
-        raise DataError(f"{what} shows another scene of the name {scene.name!r}: the apartment has changed since")
+        raise DataError(f"{what} belongs to another version of scene {scene.name!r}; record it again")
     if frame.unit != 1 or np.any(frame.origin):
-        raise DataError(f"{what} is not in metres, as that of photographs: only held-out photographs can judge it")
+        raise DataError(
+            f"{what} is not in metres (photographs); evaluate it on held-out photographs instead of a scene"
+        )
     low, high = scene.bounds
     outside = np.mean(np.any((poses[:, :3, 3] < low) | (poses[:, :3, 3] > high), axis=1))
-    if outside > 0.5:  # odometry may drift through a wall, but not all the way
-        raise DataError(f"{100 * outside:.0f} % of the cameras of {what} lie outside the bounds of {scene.name!r}")
+    if outside > 0.5:  # drift of the odometry alone stays below this
+        raise DataError(f"{100 * outside:.0f} % of the poses of {what} lie outside the bounds of scene {scene.name!r}")
 
 
 def evaluate(
-    nerf: Field,
+    nerf: RadianceField,
     scene: "Scene | Dataset",
     preset: str | Preset | None = None,
     seed: int = 0,
@@ -53,64 +59,65 @@ def evaluate(
     progress: bool = True,
     trajectory: Trajectory | Dataset | None = None,
     lpips_weights: "str | Path | Lpips | None" = None,
-    keep: str | Path | None = None,
+    checkpoint: str | Path | None = None,
     oracle: bool = False,
 ) -> Scores:
-    """Score a field in its scene, or on photographs that were held out.
+    """Score a field in its scene, or on held-out photographs.
 
     Args:
-        nerf: a trained NeRF, or anything that answers the methods of :class:`~autonerf_lab.evaluators.Field`.
-        scene: the truth; the one the field was trained in. Or the held-out half of :meth:`Dataset.split`: the task is
-            ``held_out`` then, the only one, with PSNR, SSIM, LPIPS and FLIP, and where there are labels, accuracy and
-            IoU of the classes, means over the photographs; ``preset`` and ``seed`` do not matter.
-        preset: sizes of the tasks.
-        seed: of test poses, planning episodes, random pixels and mesh samples.
-        tasks: names out of ``METRICS``, all without; and those of ``OPTIONAL``, which are asked for by name:
-            ``navigation`` takes minutes, ``finetuning`` hours.
-        progress: show a bar.
-        trajectory: what the field was trained on. When given, ``scores.baselines["nearest_view"]`` says what showing
-            its nearest image instead of a rendering would score, and ``["tsdf"]`` what its depth, fused, scores as a
-            mesh (with the extra ``open3d``).
-        lpips_weights: the file of :mod:`autonerf_lab.evaluators.lpips`, or an ``Lpips`` that has read (and checked)
-            it; ``scores.weights`` keeps its SHA-256. Without, LPIPS has no value (of photographs: no row).
-        keep: folder of what takes hours, the trainings of ``finetuning``: interrupted, they go on there.
-        oracle: put the true geometry through the same tasks too: ``scores.baselines["oracle"]``. Those of
-            ``OPTIONAL`` have values of the true scene of their own.
+        nerf: a trained NeRF, or an object with the interface :class:`~autonerf_lab.evaluators.RadianceField`.
+        scene: the scene of the field, as ground truth. Or the held-out part of :meth:`Dataset.split`: the only task is
+            then ``held_out``, with PSNR, SSIM, LPIPS and FLIP, and with accuracy and IoU of the classes if there are
+            labels, as means over the photographs; ``preset`` and ``seed`` have no effect.
+        preset: settings of the tasks.
+        seed: random seed of test poses, planning episodes, random pixels and mesh samples.
+        tasks: names in :data:`~autonerf_lab.evaluators.TASKS`, or of installed packages. Default: all built-in tasks
+            that are not optional. ``navigation`` (minutes) and ``finetuning`` (hours) run only if they are named.
+        progress: show a progress bar.
+        trajectory: training data of the field. With it, ``scores.baselines["nearest_view"]`` holds the rendering scores
+            of the nearest training image, and ``["tsdf"]`` the mesh scores of the fused depth (extra ``open3d``).
+        lpips_weights: file of the weights (:mod:`autonerf_lab.evaluators.lpips`), or a loaded ``Lpips``. Its SHA-256 is
+            stored in ``scores.weights``. Without, LPIPS has no value (for photographs: no row).
+        checkpoint: folder of the training checkpoints of ``finetuning``; interrupted trainings continue there.
+        oracle: also score the true geometry in the same tasks: ``scores.baselines["oracle"]``. Optional tasks are left
+            out; they have scores in the true scene of their own.
 
     Returns:
-        One row a metric, in the order of the protocol. A value that cannot be computed is None and its ``status`` says
-        why; a task that fails does so alone. ``scores.artifacts`` holds the raw material of the pictures by task, and
-        the values of each photograph: ``scores.artifacts["held_out"]["psnr"]``, in the order of its ``"names"``.
+        One row per metric, in the order of the protocol. A value that cannot be computed is None, and ``status`` gives
+        the reason. ``scores.artifacts`` holds the data for the figures, by task, and the values of each photograph:
+        ``scores.artifacts["held_out"]["psnr"]``, in the order of its ``"names"``.
 
     Raises:
-        UnknownNameError: a task or preset that does not exist.
-        DataError: the field or the trajectory shows another scene, is not in metres, or lies outside of the scene;
-            tasks that need the truth, where there are only photographs; the file of ``lpips_weights`` is missing or
-            not as it should be; the disk is full.
-        MemoryError: there is too little.
+        UnknownNameError: unknown task or preset.
+        DataError: the field or the trajectory belongs to another scene, is not in metres, or lies outside the scene;
+            tasks are given for photographs; the file of ``lpips_weights`` is missing or damaged; the disk is full.
+        MemoryError: out of memory.
 
     Example::
 
         train, held_out = lab.load_dataset("photographs").split()
         print(lab.evaluate(lab.fit(train), held_out, trajectory=train).table())
     """
-    lpips = _read(lpips_weights)
+    lpips = _load_lpips(lpips_weights)
     if isinstance(scene, Dataset):
         if tasks is not None:
-            raise DataError("photographs hold no truth for tasks: leave tasks out, or give the scene")
-        return _held_out(nerf, scene, progress, trajectory, lpips)
-    size, names = get_preset(preset), [*METRICS] if tasks is None else list(tasks)
+            raise DataError("photographs have no ground truth for tasks; leave out the argument tasks, or pass a scene")
+        return _score_photographs(nerf, scene, progress, trajectory, lpips)
+    settings, names = get_preset(preset), [*DEFAULT_TASKS] if tasks is None else list(tasks)
     nearest: Any = None if trajectory is None else NearestView(trajectory)
-    if nearest is not None:  # before anything is computed
-        _check_scene("this trajectory", nearest.cameras, nearest.meta, nearest.frame, scene)
-    scores = _score(Run, nerf, scene, size, seed, names, progress, lpips, keep)
-    if nearest is not None and "rendering" in names:  # it renders, and this task asks nothing else
-        scores.baselines["nearest_view"] = _score(Run, nearest, scene, size, seed, ["rendering"], False, lpips)
+    if nearest is not None:  # before any computation
+        _check_scene("this trajectory", nearest.poses, nearest.meta, nearest.frame, scene)
+    chosen = _chosen(names, TASKS if set(names) <= set(TASKS) else available())
+    context = EvaluationContext(nerf, scene, settings, seed, lpips=lpips, checkpoint=checkpoint)
+    scores = _score(context, chosen, progress)
+    if nearest is not None and "rendering" in names:  # the baseline has no other method than render
+        context = EvaluationContext(nearest, scene, settings, seed, lpips=lpips)
+        scores.baselines["nearest_view"] = _score(context, [TASKS["rendering"]], False)
     if isinstance(trajectory, Trajectory) and trajectory.depth is not None and "mesh" in names:
-        scores.baselines["tsdf"] = fused_scores(nerf, scene, size, seed, trajectory)
+        scores.baselines["tsdf"] = fused_scores(nerf, scene, settings, seed, trajectory)
     if oracle:
-        names = [name for name in names if name in METRICS]
-        scores.baselines["oracle"] = _of_truth(scene, size, seed, names, progress, lpips)
+        names = [name for name in names if name in DEFAULT_TASKS]
+        scores.baselines["oracle"] = _oracle_scores(scene, settings, seed, names, progress, lpips)
     return scores
 
 
@@ -121,81 +128,78 @@ def oracle_scores(
     tasks: Iterable[str] | None = None,
     lpips_weights: "str | Path | Lpips | None" = None,
 ) -> Scores:
-    """What the true geometry scores in the same tasks: no field can be expected to do better.
+    """Score the true geometry in the same tasks, as an upper bound for a field.
 
-    Arguments and errors are those of :func:`evaluate`, whose ``oracle=True`` sets these scores beside its own.
+    Arguments and errors are those of :func:`evaluate`, whose ``oracle=True`` adds these scores to its result.
 
     Example:
         >>> from autonerf_lab.scenes import load_scene
         >>> oracle_scores(load_scene("val-0"), "smoke", tasks=["rendering"])["rendering", "miou"]
         100.0
     """
-    lpips = _read(lpips_weights)
-    return _of_truth(scene, get_preset(preset), seed, tasks, False, lpips)
+    names = DEFAULT_TASKS if tasks is None else tasks
+    return _oracle_scores(scene, get_preset(preset), seed, names, False, _load_lpips(lpips_weights))
 
 
-def _of_truth(
-    scene: "Scene", size: Preset, seed: int, tasks: Iterable[str] | None, progress: bool, lpips: Lpips | None
+def _oracle_scores(
+    scene: "Scene", preset: Preset, seed: int, names: Iterable[str], progress: bool, lpips: Lpips | None
 ) -> Scores:
     from autonerf_lab.simulator import Simulator
 
-    return _score(Run, TrueField(scene, Simulator.of_preset(scene, size)), scene, size, seed, tasks, progress, lpips)
+    field = TrueField(scene, Simulator.from_preset(scene, preset))
+    return _score(EvaluationContext(field, scene, preset, seed, lpips=lpips), _chosen(names, available()), progress)
 
 
 def upstream_scores(
-    nerf: Field,
+    nerf: RadianceField,
     scene: "Scene",
     preset: str | Preset | None = None,
     seed: int = 0,
     tasks: Iterable[str] | None = None,
     progress: bool = True,
 ) -> Scores:
-    """The same field in the same tasks, by the definitions of the paper's released code.
+    """Score a field by the definitions of the code that was released with the paper.
 
-    They differ in all but rendering: see :mod:`autonerf_lab.evaluators.upstream`. Arguments and errors are those of
-    :func:`evaluate`.
+    They differ in all tasks but rendering: see :mod:`autonerf_lab.evaluators.upstream`. Arguments and errors are those
+    of :func:`evaluate`.
 
     Example::
 
         print(lab.evaluate(nerf, scene).table(upstream=upstream_scores(nerf, scene)))
     """
-    from autonerf_lab.evaluators.upstream import UpstreamRun
+    from autonerf_lab.evaluators.upstream import UPSTREAM_TASKS, UpstreamContext
 
-    return _score(UpstreamRun, nerf, scene, get_preset(preset), seed, tasks, progress)
+    chosen = _chosen(UPSTREAM_TASKS if tasks is None else tasks, UPSTREAM_TASKS)
+    return _score(UpstreamContext(nerf, scene, get_preset(preset), seed), chosen, progress)
 
 
-def _score(
-    kind: type[Run],
-    nerf: Field,
-    scene: "Scene",
-    size: Preset,
-    seed: int,
-    tasks: Iterable[str] | None,
-    progress: bool,
-    lpips: Lpips | None = None,
-    keep: str | Path | None = None,
-) -> Scores:
-    names = [name for name in METRICS if name in kind.metrics] if tasks is None else list(tasks)
+def _chosen(names: Iterable[str], tasks: Mapping[str, Task]) -> list[Task]:
+    names = list(names)
     for name in names:
-        if name not in kind.metrics:
-            raise UnknownNameError("task", name, kind.metrics)
-    _check_scene("this field", nerf.cameras, nerf.meta, nerf.frame, scene)
-    steps = {"rendering": size.test_poses, "pose_refinement": size.refine_iterations}
+        if name not in tasks:
+            raise UnknownNameError("task", name, tasks)
+    return [tasks[name] for name in names]
+
+
+def _score(context: EvaluationContext, tasks: list[Task], progress: bool) -> Scores:
+    field = context.field
+    _check_scene("this field", field.poses, field.meta, field.frame, context.scene)
     scores = Scores()
-    scores.weights = _weights(lpips)
-    with tqdm(total=sum(steps.get(name, 1) for name in names), disable=not progress, leave=False) as bar:
-        run = kind(nerf, scene, size, seed, bar.update, lpips, keep)
-        for name in names:
-            bar.set_description(name.replace("_", " "))
-            rows, result = run_task(run, name)
+    scores.weights = _weights(context.lpips)
+    ticks = [task.ticks(context.preset) for task in tasks]
+    with tqdm(total=sum(count or 1 for count in ticks), disable=not progress, leave=False) as bar:
+        context.tick = bar.update
+        for task, count in zip(tasks, ticks, strict=True):
+            bar.set_description(task.name.replace("_", " "))
+            rows, result = run_task(context, task)
             scores.extend(rows)
-            scores.artifacts[name], scores.details[name] = result.artifact, result.details
-            if name not in steps:
+            scores.artifacts[task.name], scores.details[task.name] = result.artifact, result.details
+            if not count:
                 bar.update()
     return scores
 
 
-def _read(weights: "str | Path | Lpips | None") -> Lpips | None:
+def _load_lpips(weights: "str | Path | Lpips | None") -> Lpips | None:
     return Lpips(weights) if isinstance(weights, str | Path) else weights
 
 
@@ -203,8 +207,8 @@ def _weights(lpips: Lpips | None) -> dict[str, str]:
     return {"lpips": lpips.sha256} | {f"lpips_{part}": value for part, value in lpips.parts.items()} if lpips else {}
 
 
-def _held_out(
-    nerf: Field, data: Dataset, progress: bool, trained_on: Trajectory | Dataset | None, lpips: Lpips | None
+def _score_photographs(
+    nerf: RadianceField, data: Dataset, progress: bool, trained_on: Trajectory | Dataset | None, lpips: Lpips | None
 ) -> Scores:
     start = time.perf_counter()
     with tqdm(total=len(data), disable=not progress, leave=False, desc="held out") as bar:
@@ -212,14 +216,14 @@ def _held_out(
     seconds = time.perf_counter() - start
     classes = () if result.status.get("miou") == "no labels" else ("per_class_accuracy", "miou")
     names = ("psnr", "ssim", *(("lpips",) if lpips else ()), "flip", *classes)
-    units = {name: METRICS["rendering"][name] for name in names}
-    where = {key: nerf.meta.get(key) or default for key, default in (("scene", ""), ("preset", ""), ("seed", 0))}
+    metrics = [METRICS["rendering", name] for name in names]
+    common = {key: nerf.meta.get(key) or default for key, default in (("scene", ""), ("preset", ""), ("seed", 0))}
     scores = Scores(
-        rows_of("held_out", units, result, nerf.meta, {"seconds": seconds, **where}),
+        rows_of("held_out", metrics, result, nerf.meta, {"seconds": seconds, **common}),
         {"held_out": {**result.artifact, "names": data.names}},
     )
     scores.weights = _weights(lpips)
     if trained_on is not None:
         nearest: Any = NearestView(trained_on)
-        scores.baselines["nearest_view"] = _held_out(nearest, data, False, None, lpips)
+        scores.baselines["nearest_view"] = _score_photographs(nearest, data, False, None, lpips)
     return scores

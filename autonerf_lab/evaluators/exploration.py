@@ -1,4 +1,4 @@
-"""What a walk is worth without any field: task 8 of the protocol, and the rewards of the paper, summed."""
+"""Scores of a trajectory, without a field: coverage (task 8 of the protocol) and summed rewards of the paper."""
 
 from dataclasses import fields, replace
 from pathlib import Path
@@ -8,6 +8,7 @@ import numpy as np
 from autonerf_lab.config import Preset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.evaluators.coverage import area_under, coverage, visible_map
+from autonerf_lab.evaluators.metrics import METRICS, metrics_of
 from autonerf_lab.exploration import MAP_SIZE
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import Mapper, empty_map
@@ -17,65 +18,80 @@ from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import MapState, Observation, Score, Transition
 from autonerf_lab.utils import storage
 
-SENSOR = 84  # pixels a side: what coverage is measured with, whatever camera the walk had
-METRICS = {"area": "coverage", "obstacles": "obstacle_coverage", "semantics": "semantic_coverage",
-           "viewpoints": "viewpoint_coverage"}  # fmt: skip
-SUMMED = ("cov", "obs", "sem", "view")  # rewards that count new cells: their sum is what the map gained
+SENSOR = 84  # side of the depth images that coverage is measured with, pixels
+_METRIC_OF = {"area": "coverage", "obstacles": "obstacle_coverage", "semantics": "semantic_coverage",
+              "viewpoints": "viewpoint_coverage"}  # fmt: skip
+SUMMED = tuple(metric.name for metric in metrics_of("reward"))  # rewards that count new map cells
 CURVE_POINTS = 50
 ARRAYS = tuple(field.name for field in fields(MapState) if field.name != "cell")
 
 Curves = dict[str, list[float]]
 
 
-def walk_scores(walk: Trajectory, scene: Scene, preset: Preset, cache: Path) -> tuple[list[Score], Curves]:
-    """Task ``exploration``: shares of what is visible, percent; and task ``reward``: sums over the walk, square metres.
+def trajectory_scores(trajectory: Trajectory, scene: Scene, preset: Preset, cache: Path) -> tuple[list[Score], Curves]:
+    """Score a trajectory: coverage (task ``exploration``) and summed rewards (task ``reward``).
 
     Args:
-        walk: of the scene.
-        scene: the truth.
-        preset: says how thoroughly the scene is looked at.
-        cache: a folder, where what is visible in the scene is kept for the next walk.
+        trajectory: recorded in the scene.
+        scene: the ground truth.
+        preset: gives the number of poses from which visibility is computed.
+        cache: folder in which the visible map of the scene is stored for the next call.
 
     Returns:
-        The scores; and the shares after 2, 4, ... 100 % of the walk, by metric.
+        The scores; and the coverage after 2, 4, ... 100 % of the trajectory, by metric.
 
     Raises:
         DataError: the cache is damaged, or cannot be written.
     """
     sim = Simulator(scene, Intrinsics.from_fov(SENSOR, SENSOR), supersample=1, rgb=False)
-    steps = len(walk)
+    steps = len(trajectory)
     marks = np.ceil(np.arange(1, CURVE_POINTS + 1) * steps / CURVE_POINTS).astype(int) - 1
-    rows, curves = [], {}
-    for quantity, curve in coverage(sim, walk, kept_visible_map(sim, preset.visible_poses, cache)).items():
-        metric = METRICS[quantity]
+    values: dict[str, float] = {}
+    curves = {}
+    visible = cached_visible_map(sim, preset.visible_poses, cache)
+    for quantity, curve in coverage(sim, trajectory, visible).items():
+        metric = _METRIC_OF[quantity]
         curves[metric] = curve[marks].round(2).tolist()
-        rows.append(Score("exploration", metric, float(curve[-1]), "%", n=steps))
-        rows.append(Score("exploration", f"{metric}_auc", area_under(curve), "%", n=steps))
-    meta = walk.meta
-    rows.append(Score("exploration", "explored_area_m2", float(meta["explored_m2"][-1]), "m2", n=steps))
-    rows.append(Score("exploration", "collisions", float(sum(meta["collided"])), "", n=steps))
-    rows.append(Score("exploration", "path_length_m", float(meta["path_m"][-1]), "m", n=steps))
-    rows += [Score("reward", name, value, "m2", n=steps) for name, value in summed_rewards(walk).items()]
-    return rows, curves
+        values[metric], values[f"{metric}_auc"] = float(curve[-1]), area_under(curve)
+    meta = trajectory.meta
+    values["explored_area_m2"] = float(meta["explored_m2"][-1])
+    values["collisions"] = float(sum(meta["collided"]))
+    values["path_length_m"] = float(meta["path_m"][-1])
+    rows = [_score("exploration", name, value, steps) for name, value in values.items()]
+    return rows + [_score("reward", name, value, steps) for name, value in summed_rewards(trajectory).items()], curves
 
 
-def summed_rewards(walk: Trajectory) -> dict[str, float]:
-    """``cov``, ``obs``, ``sem`` and ``view`` over all steps, from the map that the robot had."""
-    assert walk.depth is not None and walk.semantics is not None  # a walk of the simulator has both
-    mapper = Mapper(empty_map(walk.poses[0], MAP_SIZE), walk.intrinsics)
+def _score(task: str, name: str, value: float, steps: int) -> Score:
+    return Score(task, name, value, METRICS[task, name].unit, n=steps)
+
+
+def summed_rewards(trajectory: Trajectory) -> dict[str, float]:
+    """Sum the rewards ``cov``, ``obs``, ``sem`` and ``view`` over all steps, from the map of the robot.
+
+    Args:
+        trajectory: with depth and semantics.
+    """
+    assert trajectory.depth is not None and trajectory.semantics is not None  # the simulator records both
+    mapper = Mapper(empty_map(trajectory.poses[0], MAP_SIZE), trajectory.intrinsics)
     first = None
-    for t, pose in enumerate(walk.poses):
-        seen = Observation(walk.rgb[t], walk.depth[t], walk.semantics[t], pose, step=t)
-        _, known = mapper.add(seen)
+    for t, pose in enumerate(trajectory.poses):
+        observation = Observation(trajectory.rgb[t], trajectory.depth[t], trajectory.semantics[t], pose, step=t)
+        _, state = mapper.add(observation)
         if first is None:
-            first = _copy(known)
+            first = _copy(state)
     assert first is not None
-    whole = Transition(first, known, seen, walk.meta["actions"][-1])  # nothing is ever unseen, so the sum telescopes
+    # Cells are never unmapped, so the sum over all steps equals the reward of one step from first to last map.
+    whole = Transition(first, state, observation, trajectory.meta["actions"][-1])
     return {name: float(REWARDS[name](whole)) for name in SUMMED}
 
 
-def kept_visible_map(sim: Simulator, poses: int, cache: Path) -> MapState:
-    """:func:`visible_map`, from the cache where it is there.
+def cached_visible_map(sim: Simulator, poses: int, cache: Path) -> MapState:
+    """Return :func:`visible_map`, from the cache if it is there.
+
+    Args:
+        sim: simulator of the scene.
+        poses: number of poses.
+        cache: folder of the cached maps.
 
     Raises:
         DataError: the cache is damaged, or cannot be written.
@@ -98,5 +114,5 @@ def _unpacked(array: np.ndarray, size: int) -> np.ndarray:
     return np.unpackbits(array, axis=-1, count=size).astype(np.bool_) if array.dtype == np.uint8 else array
 
 
-def _copy(map: MapState) -> MapState:
-    return replace(map, **{name: getattr(map, name).copy() for name in ARRAYS})
+def _copy(state: MapState) -> MapState:
+    return replace(state, **{name: getattr(state, name).copy() for name in ARRAYS})

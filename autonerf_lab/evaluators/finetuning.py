@@ -1,15 +1,15 @@
-"""Task 7, fine-tuning: does practice in the reconstruction help a robot in the real apartment?
+"""Task 7, fine-tuning: training a policy in the reconstruction, for use in the true scene.
 
-After section 5.2 of the paper, "Autonomous adaptation to a new scene". A PointGoal policy sees depth and where the goal
-lies. It was trained in the training apartments, and its weights ship. PPO goes on with it in the mesh of the field, the
-floor laid as for task 6, and, as a bound that a real robot could not have, in the true scene. All three walk the same
-episodes in the true scene (64 x 64 pixels, at most 500 actions): success S is to stop within 0.36 m of the goal,
-``SPL = mean of S l / max(p, l)`` with p the way that was walked and l the shortest. Each of the three is judged alone:
-one that fails takes nothing from the others.
+The task follows section 5.2 of the paper, "Autonomous adaptation to a new scene". A PointGoal policy observes depth and
+the direction of the goal. It was pre-trained in the training apartments; its weights are part of the package. PPO
+fine-tunes it in the mesh of the field, with the floor of task 6, and, as an upper bound, in the true scene. All three
+policies run the same episodes in the true scene (64 x 64 pixels, at most 500 actions). An episode succeeds if the robot
+stops within 0.36 m of the goal. ``SPL = mean of S l / max(p, l)`` with success S, path length p and shortest path
+length l. If one of the three stages fails, the others still have scores.
 
-The paper fine-tuned for ten million frames, at a learning rate of 2.5e-6 in the mesh and ten times that in the true
-scene. So does the preset ``paper``; ``fast`` has a tenth of the frames, and larger steps: 1e-4. Frames, hours and
-learning rates are kept with the scores (``scores.details``).
+The paper fine-tunes for ten million frames, with a learning rate of 2.5e-6 in the mesh and ten times that in the true
+scene. The preset ``paper`` does the same. ``fast`` has a tenth of the frames and a learning rate of 1e-4. Frames, hours
+and learning rates are saved with the scores (``scores.details``).
 """
 
 import tempfile
@@ -22,11 +22,12 @@ import torch
 
 from autonerf_lab.envs.pointgoal import PointGoalEnv
 from autonerf_lab.errors import DataError
+from autonerf_lab.evaluators.metrics import FINETUNING_STAGES, metrics_of
 from autonerf_lab.evaluators.navigation import mesh_scene
-from autonerf_lab.evaluators.scores import FINETUNED
-from autonerf_lab.evaluators.task_result import TaskResult, failure
+from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult, failure
 from autonerf_lab.policies import WEIGHTS
-from autonerf_lab.policies.networks import RecurrentNetwork, batched, draw, make_network
+from autonerf_lab.policies.networks import RecurrentNetwork, batched, sample_action
+from autonerf_lab.policies.spec import make_network
 from autonerf_lab.policies.weights import load_weights, read_meta
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator.navigation import build_navigation
@@ -34,20 +35,22 @@ from autonerf_lab.simulator.navigation import build_navigation
 if TYPE_CHECKING:
     import trimesh
 
+    from autonerf_lab.evaluators.context import EvaluationContext
+
 PRETRAINED = WEIGHTS / "pointgoal" / "pretrained.safetensors"  # by `autonerf-lab train-policy --policy pointgoal`
-METRICS = tuple(f"{metric}_{stage}" for stage in FINETUNED for metric in ("success", "spl"))
-_AT_ONCE = 25  # episodes, so that the network looks at as many images at a time
+_NAMES = tuple(metric.name for metric in metrics_of("finetuning"))
+_AT_ONCE = 25  # episodes in parallel: batch size of the network
 
 
 def load_goal_policy(path: str | Path) -> RecurrentNetwork:
-    """The network of a PointGoal policy.
+    """Load the network of a PointGoal policy.
 
     Raises:
-        DataError: missing, damaged, or the weights of another kind of policy.
+        DataError: the file is missing or damaged, or holds another kind of policy.
     """
     settings = read_meta(path)["network"]
     if settings["kind"] != "goal":
-        raise DataError(f"{path} holds a policy that explores, not one that goes to a place")
+        raise DataError(f"{path} holds an exploration policy, not a PointGoal policy")
     network = make_network(settings)[1]
     assert isinstance(network, RecurrentNetwork)
     load_weights(path, network)
@@ -55,36 +58,36 @@ def load_goal_policy(path: str | Path) -> RecurrentNetwork:
 
 
 def reach_goals(network: RecurrentNetwork, scene: Scene, count: int, seed: int = 0) -> list[dict[str, Any]]:
-    """Let a policy walk seeded PointGoal episodes; actions are drawn, as in training.
+    """Run seeded PointGoal episodes of a policy; actions are sampled, as in training.
 
     Args:
         network: of the policy.
-        scene: where it walks.
-        count: episodes.
-        seed: of starts, goals and actions.
+        scene: scene of the episodes.
+        count: number of episodes.
+        seed: random seed of starts, goals and actions.
 
     Returns:
-        What the environment said at the end of each episode: ``success``, ``spl``, ``distance_to_goal`` (metres).
+        The last ``info`` of the environment in each episode: ``success``, ``spl``, ``distance_to_goal`` (metres).
     """
-    words = np.random.SeedSequence([seed, 8]).generate_state(count)
+    seeds = np.random.SeedSequence([seed, 8]).generate_state(count)
     rngs = [np.random.default_rng([seed, 9, episode]) for episode in range(count)]
-    ends: list[dict[str, Any]] = [{}] * count
+    results: list[dict[str, Any]] = [{}] * count
     for first in range(0, count, _AT_ONCE):
         live = list(range(first, min(first + _AT_ONCE, count)))
         envs = {k: PointGoalEnv(scene=scene) for k in live}
-        seen = {k: env.reset(seed=int(words[k]))[0] for k, env in envs.items()}
-        memory, starts = network.nothing(len(live)), torch.ones(len(live))
+        seen = {k: env.reset(seed=int(seeds[k]))[0] for k, env in envs.items()}
+        memory, starts = network.initial_state(len(live)), torch.ones(len(live))
         while live:
             with torch.inference_mode():
-                chances, _, memory = network(batched([seen[k] for k in live]), memory, starts)
-            going = []
+                distribution, _, memory = network(batched([seen[k] for k in live]), memory, starts)
+            running = []
             for row, k in enumerate(live):
-                seen[k], _, terminated, truncated, ends[k] = envs[k].step(draw(chances, rngs[k], row))
+                seen[k], _, terminated, truncated, results[k] = envs[k].step(sample_action(distribution, rngs[k], row))
                 if not (terminated or truncated):
-                    going.append(row)
-            live, starts = [live[row] for row in going], torch.zeros(len(going))
-            memory = (memory[0][:, going], memory[1][:, going])
-    return ends
+                    running.append(row)
+            live, starts = [live[row] for row in running], torch.zeros(len(running))
+            memory = (memory[0][:, running], memory[1][:, running])
+    return results
 
 
 def evaluate_finetuning(
@@ -96,55 +99,87 @@ def evaluate_finetuning(
     folder: str | Path | None = None,
     rates: Mapping[str, float] | None = None,
 ) -> TaskResult:
-    """Fine-tune in a reconstruction and in the scene it shows, and walk in the scene.
+    """Fine-tune in a reconstruction and in its scene, and run all policies in the scene.
 
     Args:
         mesh: world frame, metres.
-        scene: the truth.
-        frames: of each of the two trainings.
-        count: episodes of each of the three policies.
-        seed: of trainings and episodes.
-        folder: of the trainings, which go on there after an interruption; without it they begin anew.
-        rates: learning rates of ``finetuned`` and ``finetuned_true_mesh``; 1e-4 without.
+        scene: the ground truth.
+        frames: number of frames of each of the two trainings.
+        count: number of episodes of each of the three policies.
+        seed: random seed of trainings and episodes.
+        folder: folder of the training checkpoints; interrupted trainings continue there. Default: a temporary folder.
+        rates: learning rates of ``finetuned`` and ``finetuned_true_mesh``; default: 1e-4.
     """
     if folder is None:
         with tempfile.TemporaryDirectory() as made:
             return evaluate_finetuning(mesh, scene, frames, count, seed, made, rates)
-    values: dict[str, float | None] = dict.fromkeys(METRICS)
+    values: dict[str, float | None] = dict.fromkeys(_NAMES)
     artifact: dict[str, Any] = {}
     details: dict[str, Any] = {}
     status: dict[str, str] = {}  # by stage
-    places = {"finetuned_true_mesh": scene}
+    scenes = {"finetuned_true_mesh": scene}
     try:
-        places["finetuned"] = mesh_scene(mesh)
-        build_navigation(places["finetuned"])  # a floor with nowhere to stand: said now, not hours into a training
+        scenes["finetuned"] = mesh_scene(mesh)
+        build_navigation(
+            scenes["finetuned"]
+        )  # fail now, not after hours of training, if the robot does not fit anywhere
     except DataError as error:
         failure(error)
         status["finetuned"] = f"not walkable: {error}"
-    for stage in FINETUNED:
+    for stage in FINETUNING_STAGES:
         if stage in status:
             continue
-        rate = (rates or {}).get(stage, 1e-4) if stage in places else None
+        rate = (rates or {}).get(stage, 1e-4) if stage in scenes else None
         try:
-            weights = _practise(places[stage], frames, rate, seed, Path(folder) / stage) if rate else PRETRAINED
-            ends = reach_goals(load_goal_policy(weights), scene, count, seed)
-        except Exception as error:  # what the others have learned in hours stays
+            weights = _finetune(scenes[stage], frames, rate, seed, Path(folder) / stage) if rate else PRETRAINED
+            episodes = reach_goals(load_goal_policy(weights), scene, count, seed)
+        except Exception as error:  # the other stages keep their scores
             status[stage] = failure(error)
             continue
-        values[f"success_{stage}"] = 100 * float(np.mean([end["success"] for end in ends]))
-        values[f"spl_{stage}"] = 100 * float(np.mean([end["spl"] for end in ends]))
+        values[f"success_{stage}"] = 100 * float(np.mean([episode["success"] for episode in episodes]))
+        values[f"spl_{stage}"] = 100 * float(np.mean([episode["spl"] for episode in episodes]))
         meta = read_meta(weights)
         details[stage] = {"frames": meta["frames"], "hours": meta["hours"], "learning_rate": rate}
-        artifact[stage] = {"episodes": ends, "frames": meta["frames"], "hours": meta["hours"], "curve": meta["curve"]}
-    said = {name: status[stage] for name in METRICS if (stage := name.partition("_")[2]) in status}
-    return TaskResult(values, {name: 0 if name in said else count for name in METRICS}, said, artifact, details)
+        artifact[stage] = {"episodes": episodes, **{key: meta[key] for key in ("frames", "hours", "curve")}}
+    statuses = {name: status[stage] for name in _NAMES if (stage := name.partition("_")[2]) in status}
+    return TaskResult(values, {name: 0 if name in statuses else count for name in _NAMES}, statuses, artifact, details)
 
 
-def _practise(place: Scene, frames: int, rate: float, seed: int, folder: Path) -> Path:
-    # stable-baselines3 takes seconds to import: only for those who train
+def _finetune(scene: Scene, frames: int, rate: float, seed: int, folder: Path) -> Path:
+    # Imported here because stable-baselines3 takes seconds to import.
     from autonerf_lab.training.settings import POINTGOAL, settings_of
     from autonerf_lab.training.train import train_policy
 
     settings = settings_of(POINTGOAL, seed=seed, frames=frames, lr=rate)
-    workers = torch.get_num_threads()  # as many as this process may use
-    return train_policy(POINTGOAL, folder, settings, None, workers, False, scenes=[place], start=PRETRAINED)
+    workers = torch.get_num_threads()  # number of threads of this process
+    return train_policy(POINTGOAL, folder, settings, None, workers, False, scenes=[scene], start=PRETRAINED)
+
+
+class FinetuningTask(Task):
+    """Task 7: fine-tuning in the mesh."""
+
+    name, metrics, title = "finetuning", metrics_of("finetuning"), "Fine-tuning in the mesh"
+    optional = True
+    text = (
+        "A pre-trained PointGoal policy, which observes depth only, is fine-tuned in the reconstructed mesh and, as an "
+        "upper bound, in the true scene. All policies are then evaluated in the true scene."
+    )
+    figures = (
+        TaskFigure(
+            "finetuning",
+            "finetuning_results",
+            title="Success during and after fine-tuning",
+            caption="Left: success rate during the training, each policy in its own scene. Right: success rate and "
+            "SPL of all policies in the true scene.",
+            alt="Curves of the success rate over training frames, and bars of success rate and SPL in the true scene",
+        ),
+    )
+
+    def run(self, context: "EvaluationContext") -> TaskResult:
+        """Fine-tune with the settings of the preset."""
+        preset = context.preset
+        rates = {"finetuned": preset.finetuning_lr, "finetuned_true_mesh": preset.finetuning_lr_true_mesh}
+        frames, episodes = preset.finetuning_frames, preset.finetuning_episodes
+        return evaluate_finetuning(
+            context.surface_with_floor, context.scene, frames, episodes, context.seed, context.checkpoint, rates
+        )

@@ -1,14 +1,15 @@
-"""The true map of a scene: occupied, free and semantic columns of 1 cm between 0.10 m and the camera (section 4.3).
+"""Ground-truth map of a scene: occupied, free and semantic cells of 1 cm (section 4.3).
 
-A column is *occupied* when a surface crosses the band above it and a robot could see that surface, *free* when no
-surface crosses it and it is 4-connected to the floor a robot can stand on. The rest (inside walls and furniture,
-outside the apartment) is *ignored*: it enters no score.
+A map cell stands for the height band from 0.10 m to the camera height above it. A cell is *occupied* if a surface that
+a robot can see crosses its height band. It is *free* if no surface crosses its height band and it is 4-connected to the
+floor on which a robot can stand. All other cells (inside walls and furniture, outside the apartment) are *ignored*:
+they enter no score.
 
-"Could see" is decided by rays. Surfaces are sampled every 7 mm and thinned to one sample for each column, class, third
-of the band and side (of six) that it faces, the highest: a table is seen from above, not from below. A sample is
-visible when the segment to one of 20 navigable camera positions (height 0.88 m) meets nothing before it. The 20 are
-taken out of 600 seeded positions at the ranks 0, 1, 2, 4 ... 255 by distance, so that both near and far views are
-tried. A column, or a class in a column, is visible when a sample of it or of one of its eight neighbours is.
+Ray casting decides what a robot can see. Surfaces are sampled every 7 mm. One sample, the highest, is kept for each
+map cell, class, third of the height band and facing direction (of six): a table is seen from above. A sample is visible
+if the segment to one of 20 navigable camera positions (height 0.88 m) is not blocked. The 20 positions are chosen from
+600 seeded positions, at the ranks 0, 1, 2, 3, 4, 6 ... 255 by distance, so that near and far views are tried. A cell,
+or a class in a cell, is visible if a sample in it or in one of its eight neighbours is visible.
 """
 
 import weakref
@@ -23,40 +24,40 @@ from scipy.spatial import cKDTree
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import CAMERA_HEIGHT, cell_to_world, world_to_cell
-from autonerf_lab.scenes.height_band import occupied_columns
+from autonerf_lab.scenes.height_band import occupied_cells
 
 if TYPE_CHECKING:
     from autonerf_lab.simulator import Simulator
 
 CELL = 0.01  # metres
-BAND = (0.10, CAMERA_HEIGHT)  # metres, the heights a map is about
-MAX_CELLS = 15_000_000  # 1500 m2: maps and planning together take about 140 bytes a cell, so 2 GB
+BAND = (0.10, CAMERA_HEIGHT)  # height band of a map cell, metres above the floor
+MAX_CELLS = 15_000_000  # 1500 m2: maps and planning need about 140 bytes per cell, so 2 GB
 
 _POSITIONS = 600
 _RANKS = (0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 80, 100, 128, 160, 181, 220, 255)
-_COARSE = 10  # cells a side of the squares of columns that share their candidate positions
+_COARSE = 10  # side of the blocks of cells that share their candidate positions, in cells
 _SPACING = 0.007
 _THIRDS = 3
-_TOUCHING = 0.005  # metres, how exactly a ray must arrive
+_TOUCHING = 0.005  # metres, tolerance for the end of a ray
 
 
 @dataclass(frozen=True)
-class Grid:
-    """A floor plan of square cells, indexed [row = y, column = x]."""
+class MapGrid:
+    """Geometry of a map: square cells, indexed [row = y, column = x]."""
 
     origin: np.ndarray  # (2,) world x, y of the outer corner of cell [0, 0]
     shape: tuple[int, int]
-    cell: float = CELL
+    cell: float = CELL  # side of a cell, metres
 
     @classmethod
-    def over(cls, bounds: np.ndarray, cell: float = CELL) -> "Grid":
-        """The grid that covers (2, 3) bounds. Walls on whole centimetres fall in the middle of its cells.
+    def over(cls, bounds: np.ndarray, cell: float = CELL) -> "MapGrid":
+        """Return the grid that covers (2, 3) bounds. Walls on whole centimetres lie in the centre of its cells.
 
         Raises:
-            SceneError: the grid would not fit in memory.
+            SceneError: the grid does not fit in memory.
 
         Example:
-            >>> Grid.over(np.array([[0, 0, 0], [1, 2, 2.6]])).shape
+            >>> MapGrid.over(np.array([[0, 0, 0], [1, 2, 2.6]])).shape
             (205, 105)
         """
         size = np.ceil((bounds[1, :2] - bounds[0, :2]) / cell).astype(int) + 5
@@ -65,34 +66,38 @@ class Grid:
         return cls(bounds[0, :2] - 2.5 * cell, (int(size[1]), int(size[0])), cell)
 
     def cells(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, >=2) world points -> (M, 2) cells of those inside, and (N,) bool which are inside."""
+        """Return the (M, 2) cells of the points inside the grid, and an (N,) bool mask of these points.
+
+        Args:
+            points: (N, 2) or (N, 3) world points, metres.
+        """
         cells = world_to_cell(points, self.origin, self.cell)
         inside = np.all((cells >= 0) & (cells < np.array(self.shape)), axis=1)
         return cells[inside], inside
 
     def centers(self, cells: np.ndarray) -> np.ndarray:
-        """(N, 2) cells -> (N, 2) world x, y of their centres."""
+        """Return the (N, 2) world x, y of the centres of (N, 2) cells, metres."""
         return cell_to_world(cells, self.origin, self.cell)
 
 
 @dataclass(frozen=True)
 class TrueMap:
-    """What a perfect map would hold."""
+    """Ground-truth map of a scene."""
 
-    grid: Grid
-    surface: np.ndarray  # (R, C) bool, any surface in the band, visible or not
-    occupied: np.ndarray  # (R, C) bool, a surface a robot could see
-    free: np.ndarray  # (R, C) bool
+    grid: MapGrid
+    surface: np.ndarray  # (R, C) bool, any surface in the height band, visible or not
+    occupied: np.ndarray  # (R, C) bool, a surface that a robot can see
+    free: np.ndarray  # (R, C) bool, no surface, and connected to the navigable floor
     semantics: np.ndarray  # (15, R, C) bool, channel k is class k + 1
 
     @property
     def scored(self) -> np.ndarray:
-        """(R, C) bool: occupied or free; the rest is ignored."""
+        """(R, C) bool mask of the cells that are occupied or free; the others are ignored."""
         return self.occupied | self.free
 
     @property
     def classes(self) -> list[int]:
-        """Object classes that the map holds, 1 to 15."""
+        """Object classes in the map, 1 to 15."""
         return [k + 1 for k in range(NUM_CLASSES - 1) if self.semantics[k].any()]
 
 
@@ -106,9 +111,9 @@ def _sample_band(
     taken: np.ndarray,
     points: np.ndarray,
 ) -> int:
-    """Write points on the triangles, at most one for each cell, third of the band and side that it faces.
+    """Write points on the triangles, at most one per cell, third of the height band and facing direction.
 
-    Returns how many there are; when ``points`` is too short the rest is only counted.
+    Returns the number of points; if ``points`` is too short, further points are only counted.
     """
     count = 0
     for f in range(triangles.shape[0]):
@@ -138,12 +143,12 @@ def _sample_band(
     return count
 
 
-def _band_samples(triangles: np.ndarray, grid: Grid) -> np.ndarray:
-    """(N, 3) points on (F, 3, 3) triangles within the band."""
+def _band_samples(triangles: np.ndarray, grid: MapGrid) -> np.ndarray:
+    """Return (N, 3) points on (F, 3, 3) triangles within the height band."""
     z = triangles[:, :, 2]
     highest = z.max(axis=1)
     inside = np.flatnonzero((highest >= BAND[0]) & (z.min(axis=1) <= BAND[1]))
-    # The first sample of a column stays: from the top down it is the blanket, not the mattress under it
+    # The first sample of a cell is kept. From the top down, this is the blanket and not the mattress under it.
     triangles = triangles[inside[np.argsort(-highest[inside], kind="stable")]]
     edges = triangles[:, 1:] - triangles[:, :1]
     steps = (np.linalg.norm(edges, axis=2) / _SPACING).astype(np.int64) + 1
@@ -157,22 +162,22 @@ def _band_samples(triangles: np.ndarray, grid: Grid) -> np.ndarray:
     return points[: min(count, len(points))].copy()
 
 
-def visible_columns(sim: "Simulator", samples: list[np.ndarray], grid: Grid, positions: np.ndarray) -> np.ndarray:
-    """Which columns hold a surface that some camera position sees? See the module's text for which ones are tried.
+def visible_cells(sim: "Simulator", samples: list[np.ndarray], grid: MapGrid, positions: np.ndarray) -> np.ndarray:
+    """Find the map cells with a surface that is visible from a camera position (see the module docstring).
 
     Args:
-        sim: casts the rays.
-        samples: for each class (N, 3) points on its surfaces.
-        grid: of the columns.
+        sim: simulator of the scene, which casts the rays.
+        samples: for each class, (N, 3) points on its surfaces.
+        grid: of the map cells.
         positions: (P, 3) camera centres.
 
     Returns:
-        (16, R, C) bool, grown by one cell.
+        (16, R, C) bool for each class, dilated by one cell.
     """
     points = np.concatenate(samples)
     owner = np.repeat(np.arange(len(samples)), [len(s) for s in samples])
     cells = world_to_cell(points, grid.origin, grid.cell)
-    columns = (owner * grid.shape[0] + cells[:, 0]) * grid.shape[1] + cells[:, 1]
+    index = (owner * grid.shape[0] + cells[:, 0]) * grid.shape[1] + cells[:, 1]
     coarse_shape = tuple(size // _COARSE + 1 for size in grid.shape)
     middles = (np.indices(coarse_shape).reshape(2, -1).T + 0.5) * _COARSE - 0.5
     ranks = [r for r in _RANKS if r < len(positions)]
@@ -180,18 +185,18 @@ def visible_columns(sim: "Simulator", samples: list[np.ndarray], grid: Grid, pos
     coarse = (cells[:, 0] // _COARSE) * coarse_shape[1] + cells[:, 1] // _COARSE
     seen = np.zeros(len(samples) * grid.shape[0] * grid.shape[1], dtype=bool)
     for rank in range(len(ranks)):
-        todo = np.flatnonzero(~seen[columns])
+        todo = np.flatnonzero(~seen[index])
         origins = positions[nearest[coarse[todo], rank]]
         rays = points[todo] - origins
         hits = sim.cast(origins, rays)
         met = hits.t >= 1 - _TOUCHING / np.maximum(np.linalg.norm(rays, axis=1), 1e-9)
-        seen[columns[todo[met]]] = True
+        seen[index[todo[met]]] = True
     window = np.ones((1, 3, 3), dtype=bool)
     return ndimage.binary_dilation(seen.reshape(len(samples), *grid.shape), window)
 
 
 def camera_positions(sim: "Simulator", count: int = _POSITIONS, seed: int = 0) -> np.ndarray:
-    """(count, 3) seeded camera centres, uniform over the cells of the navigable floor."""
+    """Sample (count, 3) camera centres, uniform over the cells of the navigable floor."""
     navigation = sim.navigation
     cells = np.argwhere(navigation.navigable)
     cells = cells[np.random.default_rng(seed).integers(len(cells), size=count)]
@@ -201,28 +206,28 @@ def camera_positions(sim: "Simulator", count: int = _POSITIONS, seed: int = 0) -
 
 def _build(sim: "Simulator") -> TrueMap:
     scene = sim.scene
-    grid = Grid.over(scene.bounds)
+    grid = MapGrid.over(scene.bounds)
     triangles = scene.vertices[scene.faces].astype(np.float64)
 
-    def columns_of(faces: np.ndarray) -> np.ndarray:
-        return occupied_columns(scene.vertices, faces, *BAND, grid.origin, grid.cell, grid.shape)
+    def cells_of(faces: np.ndarray) -> np.ndarray:
+        return occupied_cells(scene.vertices, faces, *BAND, grid.origin, grid.cell, grid.shape)
 
     positions = camera_positions(sim)
     samples = [_band_samples(triangles[scene.face_class == k], grid) for k in range(NUM_CLASSES)]
-    seen = visible_columns(sim, samples, grid, positions)
-    surface = columns_of(scene.faces)
-    semantics = np.stack([columns_of(scene.faces[scene.face_class == k]) for k in range(1, NUM_CLASSES)]) & seen[1:]
+    seen = visible_cells(sim, samples, grid, positions)
+    surface = cells_of(scene.faces)
+    semantics = np.stack([cells_of(scene.faces[scene.face_class == k]) for k in range(1, NUM_CLASSES)]) & seen[1:]
     labels, _ = ndimage.label(~surface)
     cells, _ = grid.cells(positions)
     reachable = np.setdiff1d(np.unique(labels[cells[:, 0], cells[:, 1]]), [0])
     return TrueMap(grid, surface, surface & seen.any(axis=0), np.isin(labels, reachable), semantics)
 
 
-_MAPS: dict[int, TrueMap] = {}  # by id of the scene: a scene never changes, and its map takes seconds
+_MAPS: dict[int, TrueMap] = {}  # by id of the scene: a scene never changes, and building its map takes seconds
 
 
 def true_map(sim: "Simulator") -> TrueMap:
-    """The true map of the simulator's scene, made once for each scene object and dropped with it.
+    """Return the ground-truth map of the simulator's scene, cached as long as the scene object exists.
 
     Raises:
         SceneError: the scene is too large for a map.

@@ -1,14 +1,14 @@
-"""LPIPS (Zhang et al. 2018): how different two images look to a network that has learned to name what images show.
+"""LPIPS (Zhang et al. 2018): difference of two images in the features of a network for image classification.
 
-Both go through the convolutions of VGG16. After each of its five stages the features of a pixel are scaled to unit
-length; their squared difference, weighted by a learned factor a channel, is averaged over the pixels and summed over
-the stages:
+Both images pass through the convolutions of VGG16. After each of its five stages, the features of a pixel are scaled to
+unit length. Their squared difference, weighted by a learned factor for each channel, is averaged over the pixels and
+summed over the stages:
 
     d(x, y) = sum_l mean_hw sum_c w_lc (x_lhwc - y_lhwc)**2
 
-**The weights** are neither shipped nor downloaded. They are one safetensors file with the names of torchvision
-(``features.0.weight`` ...) and of the package lpips (``lin0.model.1.weight`` ...). Where both are installed, this
-writes it::
+**The weights** are neither part of the package nor downloaded. They are read from one safetensors file with the names
+of torchvision (``features.0.weight`` ...) and of the package lpips (``lin0.model.1.weight`` ...). This code writes the
+file where both packages are installed::
 
     import lpips, torchvision
     from safetensors.torch import save_file
@@ -19,8 +19,8 @@ writes it::
     weights |= {f"lin{k}.model.1.weight": heads[f"lin{k}.model.1.weight"] for k in range(5)}
     save_file(weights, "lpips-vgg16.safetensors")
 
-Scores keep the SHA-256 of the file, and of the tensors of the backbone and of the heads alone: these are the same
-however a file was written, and say which half another laboratory has in common.
+The SHA-256 of the file is saved with the scores, and those of the tensors of the backbone and of the heads, which do
+not depend on the format of the file.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ from autonerf_lab.utils import storage
 
 MIN_SIDE = 16  # pixels: four stages halve the image
 STAGES = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))  # channels of the convolutions
-# What the authors' implementation does to images in [-1, 1]: nearly the statistics of ImageNet
+# Normalisation of images in [-1, 1] in the reference implementation, close to the statistics of ImageNet
 _SHIFT = torch.tensor([-0.030, -0.088, -0.188])[:, None, None]
 _SCALE = torch.tensor([0.458, 0.448, 0.450])[:, None, None]
 _EPS = 1e-10
@@ -43,14 +43,14 @@ _HEAD = "lin{}.model.1.weight"
 
 
 class Lpips:
-    """The distance of two images, 0 for equal ones.
+    """LPIPS distance of two images, 0 for equal images.
 
     Args:
-        path: the file of weights, see above.
-        sha256: what the file must have, in hexadecimal; not checked without.
+        path: file of the weights, see the module docstring.
+        sha256: expected SHA-256 of the file, hexadecimal; without, it is not checked.
 
     Raises:
-        DataError: the file is missing, damaged, not the one that was meant, or lacks a weight.
+        DataError: the file is missing, damaged, has another SHA-256, or lacks a weight.
 
     Example:
         >>> Lpips("/nowhere.safetensors")
@@ -62,7 +62,7 @@ class Lpips:
         arrays, _ = storage.read_arrays(path)
         self.sha256 = hashlib.sha256(Path(path).read_bytes()).hexdigest()
         if sha256 is not None and sha256.lower() != self.sha256:
-            raise DataError(f"{path} has the SHA-256 {self.sha256}, not {sha256}: these are other weights")
+            raise DataError(f"{path} has the SHA-256 {self.sha256}, not {sha256}: the weights differ")
         shapes = {name: tuple(value.shape) for name, value in _vgg16().state_dict().items()}
         shapes |= {_HEAD.format(k): (1, widths[-1], 1, 1) for k, widths in enumerate(STAGES)}
         tensors = {name: _checked(path, name, arrays.get(name), shape) for name, shape in shapes.items()}
@@ -74,10 +74,10 @@ class Lpips:
 
     @torch.no_grad()
     def __call__(self, image: np.ndarray, target: np.ndarray) -> float:
-        """The distance of two (H, W, 3) images in [0, 1].
+        """Compute the distance of two (H, W, 3) images in [0, 1].
 
         Raises:
-            ValueError: they differ in shape, are no colour images, or have a side under 16 pixels.
+            ValueError: the shapes differ, are not those of colour images, or have a side under 16 pixels.
         """
         shape = np.shape(image)
         if shape != np.shape(target) or len(shape) != 3 or shape[2] != 3 or min(shape[:2]) < MIN_SIDE:
@@ -95,7 +95,7 @@ class Lpips:
 
 
 def _digest(tensors: dict[str, torch.Tensor], start: str) -> str:
-    """SHA-256 over names and values (float32, little-endian) of those whose names start so, by name."""
+    """Compute the SHA-256 over names and values (float32, little-endian) of the tensors with a prefix, by name."""
     digest = hashlib.sha256()
     for name in sorted(name for name in tensors if name.startswith(start)):
         digest.update(name.encode() + tensors[name].numpy().astype("<f4").tobytes())
@@ -105,14 +105,17 @@ def _digest(tensors: dict[str, torch.Tensor], start: str) -> str:
 def _checked(path: str | Path, name: str, array: np.ndarray | None, shape: tuple[int, ...]) -> torch.Tensor:
     if array is None or array.shape != shape or not np.issubdtype(array.dtype, np.floating):
         found = "missing" if array is None else f"{array.dtype} of {array.shape}"
-        raise DataError(f"{path}: {name} is {found}, not floats of {shape}; {__name__} says how to make the file")
+        raise DataError(
+            f"{path}: {name} is {found}, not floats of {shape}; the documentation of {__name__} explains how to make "
+            "the file"
+        )
     if not np.isfinite(array).all():
         raise DataError(f"{path}: {name} holds a value that is not finite")
     return torch.from_numpy(array.astype(np.float32))
 
 
 def _vgg16() -> nn.ModuleDict:
-    """The convolutions of VGG16, numbered as torchvision does, without memory for the weights."""
+    """Build the convolutions of VGG16 with the numbering of torchvision, without memory for the weights."""
     layers: list[nn.Module] = []
     channels = 3
     for widths in STAGES:
@@ -124,7 +127,7 @@ def _vgg16() -> nn.ModuleDict:
 
 
 def _stages(features: nn.Module) -> list[nn.Sequential]:
-    """VGG16 cut before each pooling, so that a stage ends with the features that are compared."""
+    """Split VGG16 before each pooling layer: a stage ends with the features that are compared."""
     stages: list[list[nn.Module]] = [[]]
     for layer in features.children():
         if isinstance(layer, nn.MaxPool2d):

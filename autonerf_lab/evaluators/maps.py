@@ -1,22 +1,25 @@
-"""Task 2, occupancy: a top-down map of 1 cm cells read out of the density (section 4.3).
+"""Task 2, occupancy: a top-down map with 1 cm cells, computed from the density of a field (section 4.3).
 
-Details of the paper's maps are in its appendix, "Metric Map Estimation".
+The paper describes its maps in the appendix, "Metric Map Estimation".
 
-**Prediction.** The density is asked at the middle of 26 levels of 3 cm between 0.10 m and 0.88 m. With the step
-delta = 10 cm a voxel is opaque when ``alpha = 1 - exp(-sigma * delta)`` exceeds ``OPACITY_THRESHOLD``. A column is
+**Prediction.** A map cell stands for the height band from 0.10 m to 0.88 m above it, divided into 26 voxels of 3 cm.
+The density is evaluated at the centre of each voxel. With the step delta = 10 cm, a voxel is opaque if
+``alpha = 1 - exp(-sigma * delta)`` exceeds ``OPACITY_THRESHOLD``. A cell is
 
-* *unknown* when no training view saw any voxel of it (``field.seen``, from rendered depth; asked at every second level,
-  6 cm apart, because what is seen is kept in voxels of 5 cm anyway),
-* *occupied* when it is known and any voxel is opaque,
+* *unknown* if no training view saw any of its voxels (``field.seen``, from rendered depth; evaluated at every second
+  voxel, 6 cm apart, because visibility is stored in voxels of 5 cm),
+* *occupied* if it is known and any voxel is opaque,
 * *free* otherwise.
 
-Unknown comes first because the density of space that no view constrains means nothing.
+Unknown takes precedence because no training view constrains the density of unseen space.
 
-**Scores**, over the cells where the truth is occupied or free. Free space as the positive class, an unknown cell being
-not free: accuracy = (TP + TN) / (TP + TN + FP + FN), precision = TP / (TP + FP), recall = TP / (TP + FN). Occupied as
-the positive class, 5 cm tolerance, with P the predicted cells, T the true ones and d the distance to the nearest:
-precision = |{p in P, scored: d(p, T) <= 5 cm}| / |{p in P, scored}|, recall = |{t in T: d(t, P) <= 5 cm}| / |T|
-(wherever the predicted cell lies: a wall found 3 cm too deep is found).
+**Scores** are computed over the cells whose ground truth is occupied or free. For free space as the positive class, an
+unknown cell counts as not free: accuracy = (TP + TN) / (TP + TN + FP + FN), precision = TP / (TP + FP), recall =
+TP / (TP + FN). For occupied space as the positive class, the tolerance is 5 cm. With the predicted cells P, the true
+cells T and the distance d to the nearest cell:
+``precision = |{p in P, scored: d(p, T) <= 5 cm}| / |{p in P, scored}|`` and
+``recall = |{t in T: d(t, P) <= 5 cm}| / |T|``.
+Recall also accepts predicted cells outside the scored area: a wall predicted 3 cm too deep counts as found.
 """
 
 from enum import IntEnum
@@ -24,23 +27,23 @@ from enum import IntEnum
 import numpy as np
 from scipy.spatial import cKDTree
 
-from autonerf_lab.evaluators.ground_truth import BAND, Grid, TrueMap
-from autonerf_lab.evaluators.radiance_field import Field
+from autonerf_lab.evaluators.ground_truth import BAND, MapGrid, TrueMap
+from autonerf_lab.evaluators.radiance_field import RadianceField
 
-# Calibrated by `benchmarks/calibrate_opacity.py --policy modular-obs` (2026-11-22, semantic-nerfacto, fast, train-00,
-# -04, -08, -12, -16, -20): the best sum of free accuracy and occupied F1, percent.
+# Calibrated with `benchmarks/calibrate_opacity.py --policy modular-obs` (2026-11-22, semantic-nerfacto, fast, train-00,
+# -04, -08, -12, -16, -20): the threshold with the best sum of free accuracy and occupied F1, percent.
 #   threshold        0.30   0.50   0.70   0.80   0.90   0.95   0.98   0.99
 #   free accuracy    84.3   86.7   88.0   88.3   88.4   88.1   87.6   87.2
 #   occupied F1      86.5   89.1   90.4   90.7   90.7   90.3   89.5   88.8
 OPACITY_THRESHOLD = 0.9
 OPACITY_STEP = 0.10  # metres
-LEVELS = 26  # of 3 cm
+LEVELS = 26  # voxels of 3 cm in the height band
 TOLERANCE = 0.05  # metres
-_SLAB = 100_000  # columns in memory at a time
+_SLAB = 100_000  # map cells in memory at a time
 
 
 class CellState(IntEnum):
-    """What a map says about a column."""
+    """State of a map cell."""
 
     UNKNOWN = 0
     FREE = 1
@@ -48,7 +51,11 @@ class CellState(IntEnum):
 
 
 def opacity(sigma: np.ndarray, step: float = OPACITY_STEP) -> np.ndarray:
-    """Alpha of a step through a medium of density ``sigma`` (per metre).
+    """Return the opacity (alpha) of a step through a medium.
+
+    Args:
+        sigma: density per metre, any shape.
+        step: length of the step, metres.
 
     Example:
         >>> float(opacity(np.array(6.9315)).round(3))
@@ -58,18 +65,18 @@ def opacity(sigma: np.ndarray, step: float = OPACITY_STEP) -> np.ndarray:
 
 
 def band_levels() -> np.ndarray:
-    """(26,) heights of the middles of the levels, metres."""
+    """Return the (26,) heights of the voxel centres in the height band, metres."""
     edges = np.linspace(*BAND, LEVELS + 1)
     return (edges[1:] + edges[:-1]) / 2
 
 
-def predict_states(field: Field, grid: Grid, threshold: float = OPACITY_THRESHOLD) -> np.ndarray:
-    """The three-state map of a field.
+def predict_states(field: RadianceField, grid: MapGrid, threshold: float = OPACITY_THRESHOLD) -> np.ndarray:
+    """Compute the three-state map of a field.
 
     Args:
-        field: answers ``seen`` and ``density``.
-        grid: the cells to fill.
-        threshold: of the opacity over 10 cm.
+        field: its methods ``seen`` and ``density`` are used.
+        grid: the map cells.
+        threshold: opacity over 10 cm above which a voxel is opaque.
 
     Returns:
         (R, C) uint8 of :class:`CellState`.
@@ -80,26 +87,31 @@ def predict_states(field: Field, grid: Grid, threshold: float = OPACITY_THRESHOL
     levels = band_levels()
     for start in range(0, flat.size, _SLAB):
         index = np.arange(start, min(start + _SLAB, flat.size))
-        columns = grid.centers(np.stack(np.divmod(index, grid.shape[1]), axis=1)).astype(np.float32)
+        centers = grid.centers(np.stack(np.divmod(index, grid.shape[1]), axis=1)).astype(np.float32)
         known = np.zeros(len(index), dtype=bool)
         for height in levels[::2]:
             todo = np.flatnonzero(~known)
-            known[todo] = field.seen(_at_height(columns[todo], height))
-        index, columns = index[known], columns[known]
+            known[todo] = field.seen(_at_height(centers[todo], height))
+        index, centers = index[known], centers[known]
         occupied = np.zeros(len(index), dtype=bool)
         for height in levels:
             todo = np.flatnonzero(~occupied)
-            occupied[todo] = field.density(_at_height(columns[todo], height)) > sigma_threshold
+            occupied[todo] = field.density(_at_height(centers[todo], height)) > sigma_threshold
         flat[index] = np.where(occupied, CellState.OCCUPIED, CellState.FREE)
     return states
 
 
-def _at_height(columns: np.ndarray, height: float) -> np.ndarray:
-    return np.concatenate([columns, np.full((len(columns), 1), height, dtype=np.float32)], axis=1)
+def _at_height(centers: np.ndarray, height: float) -> np.ndarray:
+    return np.concatenate([centers, np.full((len(centers), 1), height, dtype=np.float32)], axis=1)
 
 
 def share_within(cells: np.ndarray, others: np.ndarray, radius: float) -> float | None:
-    """Percentage of ``cells`` (N, 2) with one of ``others`` (M, 2) at most ``radius`` cells away; None without cells.
+    """Return the percentage of ``cells`` that have one of ``others`` within ``radius``; None without cells.
+
+    Args:
+        cells: (N, 2) map cells.
+        others: (M, 2) map cells.
+        radius: in cells.
 
     Example:
         >>> share_within(np.array([[0, 0], [9, 9]]), np.array([[3, 4]]), radius=5)
@@ -118,11 +130,11 @@ def _percent(part: float, whole: float) -> float | None:
 
 
 def free_scores(states: np.ndarray, truth: TrueMap) -> dict[str, float | None]:
-    """Accuracy, precision and recall of free space, percent; None where nothing can be divided.
+    """Compute accuracy, precision and recall of free space, percent; None if a denominator is zero.
 
     Args:
-        states: (R, C) of :class:`CellState`.
-        truth: on the same grid.
+        states: (R, C) predicted :class:`CellState`.
+        truth: ground truth on the same grid.
     """
     predicted = (states == CellState.FREE) & truth.scored
     hit = int(np.sum(predicted & truth.free))
@@ -135,7 +147,13 @@ def free_scores(states: np.ndarray, truth: TrueMap) -> dict[str, float | None]:
 
 
 def occupancy_scores(states: np.ndarray, truth: TrueMap, tolerance: float = TOLERANCE) -> dict[str, float | None]:
-    """Precision and recall of occupied space with a tolerance in metres, percent."""
+    """Compute precision and recall of occupied space, percent.
+
+    Args:
+        states: (R, C) predicted :class:`CellState`.
+        truth: ground truth on the same grid.
+        tolerance: metres.
+    """
     predicted = states == CellState.OCCUPIED
     radius = tolerance / truth.grid.cell
     true_cells = np.argwhere(truth.occupied)

@@ -1,16 +1,18 @@
-"""Task 5, judgement: how far is a reconstructed mesh from the true one?
+"""Task 5, mesh metrics: distances between a reconstructed mesh and the true mesh.
 
-The paper shows meshes and does not measure them. These are the scores of neural mapping since iMAP (Sucar et al. 2021)
-and, for normals, of occupancy networks (Mescheder et al. 2019). R are 100,000 seeded samples on the reconstruction, T
-as many on the truth, d(p, M) the distance of a sample to a mesh (exact for the triangles that 8 points nearest to it
-lie on, of samples and middles of triangles), n(p) its normal and n(p, M) that of M where it is nearest:
+The paper shows meshes without measuring them. The metrics are those of neural mapping since iMAP (Sucar et al. 2021)
+and, for normals, of occupancy networks (Mescheder et al. 2019). R are 100,000 seeded samples on the reconstruction and
+T as many on the true mesh. d(p, M) is the distance of a sample p to a mesh M. It is exact for the triangles of the 8
+nearest points, among the samples and the triangle centres of M. n(p) is the normal at p, and n(p, M) the normal of M at
+its nearest point:
 
 * ``accuracy_m`` = mean over r in R of d(r, truth);
 * ``completion_m`` = mean over t in T of d(t, reconstruction), ``completion_ratio`` = share of T with d < 5 cm;
-* ``normal_consistency`` = (mean_R |n(r) . n(r, truth)| + mean_T |n(t) . n(t, reconstruction)|) / 2.
+* ``normal_consistency`` = ``(mean_R |n(r) . n(r, truth)| + mean_T |n(t) . n(t, reconstruction)|) / 2``.
 
-The truth is restricted to what the training views saw (``field.seen``); with the suffix ``_all`` it is the whole scene,
-cupboard tops included. A reconstruction holds seen parts only, so accuracy has no such variant.
+T is restricted to the parts that training views have seen (``field.seen``); with the suffix ``_all`` it covers the
+whole scene, for example the tops of cupboards. The reconstruction contains seen parts only, so accuracy has no such
+variant.
 """
 
 from typing import TYPE_CHECKING
@@ -18,30 +20,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from autonerf_lab.evaluators.radiance_field import Field
-from autonerf_lab.evaluators.task_result import TaskResult
+from autonerf_lab.evaluators.metrics import metrics_of
+from autonerf_lab.evaluators.radiance_field import RadianceField
+from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
 
 if TYPE_CHECKING:
     import trimesh
 
+    from autonerf_lab.evaluators.context import EvaluationContext
     from autonerf_lab.scenes.scene import Scene
 
 SAMPLES = 100_000
-COMPLETE = 0.05  # metres
+COMPLETE = 0.05  # metres, threshold of the completion ratio
 _NEIGHBOURS = 8
-METRICS = (
-    "accuracy_m",
-    "completion_m",
-    "completion_ratio",
-    "normal_consistency",
-    "completion_m_all",
-    "completion_ratio_all",
-    "normal_consistency_all",
-)
+_NAMES = tuple(metric.name for metric in metrics_of("mesh"))
 
 
 def sample_surface(triangles: np.ndarray, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """(count, 3) points uniform over (F, 3, 3) triangles, and (count,) which triangle each lies on."""
+    """Sample (count, 3) points uniformly on (F, 3, 3) triangles; also return the (count,) index of their triangles."""
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     total = np.cumsum(area)
     face = np.minimum(np.searchsorted(total, rng.random(count) * total[-1], side="right"), len(total) - 1)
@@ -51,7 +47,7 @@ def sample_surface(triangles: np.ndarray, count: int, rng: np.random.Generator) 
 
 
 def normals(triangles: np.ndarray) -> np.ndarray:
-    """(F, 3) unit normals of (F, 3, 3) triangles; zero for a degenerate one."""
+    """Compute the (F, 3) unit normals of (F, 3, 3) triangles; zero for a degenerate triangle."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-20)
 
@@ -59,7 +55,17 @@ def normals(triangles: np.ndarray) -> np.ndarray:
 def nearest_on(
     points: np.ndarray, triangles: np.ndarray, samples: np.ndarray, face: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) distance of points to a surface, and (N,) its triangle there; ``samples`` on ``face`` cover the surface."""
+    """Compute the distances of points to a surface.
+
+    Args:
+        points: (N, 3).
+        triangles: (F, 3, 3), the surface.
+        samples: (S, 3) points on the surface, which select the candidate triangles.
+        face: (S,) triangles of the samples.
+
+    Returns:
+        (N,) distances and (N,) indices of the nearest triangles.
+    """
     from trimesh.triangles import closest_point
 
     _, index = cKDTree(samples).query(points, k=min(_NEIGHBOURS, len(samples)))
@@ -75,27 +81,29 @@ def nearest_on(
 
 
 def _cover(triangles: np.ndarray, points: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples and the middles of all triangles: marching cubes make more triangles than there are samples, and the
-    nearest one that a sample happens to lie on is centimetres beside the nearest one.
+    """Add the centres of all triangles to the samples, with their triangles.
+
+    Marching cubes makes more triangles than there are samples. With the samples alone, the nearest candidate triangle
+    would be centimetres away from the nearest triangle.
     """
     return np.concatenate([points, triangles.mean(axis=1)]), np.concatenate([face, np.arange(len(triangles))])
 
 
 def evaluate_mesh(
-    mesh: "trimesh.Trimesh", field: Field, scene: "Scene", seed: int = 0, samples: int = SAMPLES
+    mesh: "trimesh.Trimesh", field: RadianceField, scene: "Scene", seed: int = 0, samples: int = SAMPLES
 ) -> TaskResult:
-    """Compare a reconstruction with the scene it shows.
+    """Compare a reconstruction with its scene.
 
     Args:
         mesh: world frame, metres.
-        field: tells which parts of the truth were seen.
-        scene: the truth.
-        seed: of the samples.
-        samples: on each mesh.
+        field: its method ``seen`` restricts the ground truth.
+        scene: the ground truth.
+        seed: random seed of the samples.
+        samples: number of samples on each mesh.
     """
     if not len(mesh.faces):
-        empty: dict[str, float | None] = dict.fromkeys(METRICS)
-        return TaskResult(empty, dict.fromkeys(METRICS, 0), dict.fromkeys(METRICS, "empty mesh"), {"mesh": mesh})
+        empty: dict[str, float | None] = dict.fromkeys(_NAMES)
+        return TaskResult(empty, dict.fromkeys(_NAMES, 0), dict.fromkeys(_NAMES, "empty mesh"), {"mesh": mesh})
     rng = np.random.default_rng([seed, 5])
     true, found = scene.vertices[scene.faces].astype(np.float64), np.asarray(mesh.triangles, dtype=np.float64)
     true_points, true_face = sample_surface(true, samples, rng)
@@ -112,7 +120,33 @@ def evaluate_mesh(
         values["completion_m" + suffix] = float(completion[part].mean()) if some else None
         values["completion_ratio" + suffix] = float(100 * np.mean(completion[part] < COMPLETE)) if some else None
         values["normal_consistency" + suffix] = float((forward.mean() + backward[part].mean()) / 2) if some else None
-    n = {name: int(seen.sum()) for name in METRICS} | {name: samples for name in METRICS if name.endswith("_all")}
+    n = {name: int(seen.sum()) for name in _NAMES} | {name: samples for name in _NAMES if name.endswith("_all")}
     status = {name: "nothing seen" for name, value in values.items() if value is None}
     artifact = {"mesh": mesh, "points": found_points, "distance": accuracy, "limit": 2 * COMPLETE}
     return TaskResult(values, n | {"accuracy_m": samples}, status, artifact)
+
+
+class MeshTask(Task):
+    """Task 5: mesh extraction and comparison with the true mesh."""
+
+    name, metrics, title = "mesh", metrics_of("mesh"), "Mesh"
+    text = (
+        "The surface of the field is extracted as a triangle mesh with colours and classes, and compared with the true "
+        "mesh. Accuracy is the mean distance from the reconstruction to the true mesh, completion the mean distance in "
+        "the other direction."
+    )
+    figures = (
+        TaskFigure(
+            "views",
+            "mesh_view",
+            title="Reconstructed mesh",
+            caption="View from above without ceiling and near walls: colours, classes, and distance to the true "
+            "surface.",
+            alt="Views into the reconstructed apartment from above: in colour, by class, and by distance to the true "
+            "surface in centimetres",
+        ),
+    )
+
+    def run(self, context: "EvaluationContext") -> TaskResult:
+        """Compare the mesh of the field with the scene."""
+        return evaluate_mesh(context.surface, context.field, context.scene, context.seed)

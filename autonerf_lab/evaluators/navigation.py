@@ -1,19 +1,19 @@
-"""Task 6, navigation in the mesh: can a robot that moves step by step use the reconstruction as a place to walk in?
+"""Task 6, navigation in the mesh: a simulated robot navigates in the reconstruction.
 
-After "Navigating inside a NeRF-generated mesh" of the paper's appendix. The mesh of the field gets the floor that the
-robot rolled on (:func:`lay_floor`), is written, imported as any scan is, and put back to where it was. The same
-PointGoal episodes are walked in it and in the true scene: seeded starts and goals where the robot fits in both, at
-least 2 m apart on the shortest true way. The robot begins with an empty map, maps the depth it sees (64 x 64 pixels),
-and follows the local policy's fast marching by forward steps and turns. It stops within 0.36 m of the goal, which is
-success, or fails after 500 steps:
+The task follows "Navigating inside a NeRF-generated mesh" of the paper's appendix. The mesh of the field gets a flat
+floor (:func:`add_floor`) and is imported through a file, like a scan. The same PointGoal episodes run in the mesh and
+in the true scene. Starts and goals are seeded, in cells in which the robot fits in both, at least 2 m apart on the
+shortest path of the true scene. The robot begins with an empty map, maps the depth of its camera (64 x 64 pixels), and
+follows the fast-marching path of the local policy by forward steps and rotations. An episode succeeds when the robot is
+within 0.36 m of the goal. It fails after 500 steps, for one of these reasons:
 
-* ``no way``: on its map, nothing leads to the goal;
-* ``stuck``: half of its last 50 steps were collisions;
-* ``out of steps``: neither.
+* ``no path``: no path on the robot's map leads to the goal;
+* ``stuck``: at least half of the last 50 steps were collisions;
+* ``out of steps``: all others.
 
-``SPL = mean of S l / max(p, l)``: S success, p the way that was walked, l the shortest to the goal itself in the place
-that is walked in. Where the robot does not fit in the reconstruction no episode begins: a mesh with little ground has
-easy ones, so look at the ground too (``ground.area``).
+``SPL = mean of S l / max(p, l)`` with success S, path length p and the length l of the shortest path to the goal in the
+same mesh. Episodes only use cells in which the robot fits in the reconstruction. A mesh with a small navigable area has
+easy episodes, so the navigable areas are reported too (``ground_m2`` in the details).
 """
 
 import tempfile
@@ -26,8 +26,9 @@ import numpy as np
 
 from autonerf_lab.errors import DataError, SceneError
 from autonerf_lab.evaluators.mesh import export_mesh
-from autonerf_lab.evaluators.radiance_field import Field
-from autonerf_lab.evaluators.task_result import TaskResult
+from autonerf_lab.evaluators.metrics import metrics_of
+from autonerf_lab.evaluators.radiance_field import RadianceField
+from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
 from autonerf_lab.geometry import Intrinsics, cell_to_world, planar_pose, world_to_cell
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.mapping.semantic_map import MAP_CELL
@@ -42,28 +43,30 @@ from autonerf_lab.simulator.navigation import CLIMB
 if TYPE_CHECKING:
     import trimesh
 
+    from autonerf_lab.evaluators.context import EvaluationContext
+
 SUCCESS_RADIUS = 0.36  # metres, twice the robot's radius
 MAX_STEPS = 500
 MIN_GEODESIC = 2.0  # metres
-METRICS = ("success", "spl", "success_true_mesh", "spl_true_mesh")
+_NAMES = tuple(metric.name for metric in metrics_of("navigation"))
 _PIXELS = 64
-_LAST = 50  # steps that tell why it did not arrive
-_TRIES = 100  # draws of a goal for each episode
-_MARGIN = 6.0  # metres of map around the place: as far as the robot sees, and a bit
+_LAST = 50  # steps that decide the reason of a failure
+_TRIES = 100  # sampled goals per episode
+_MARGIN = 6.0  # metres of map around the scene: slightly more than the sensor range
 
 
 @dataclass(frozen=True)
-class Walk:
-    """One episode. ``reason`` is empty for a success."""
+class NavigationEpisode:
+    """One episode and its outcome."""
 
     goal: np.ndarray  # (2,) world x, y
-    path: np.ndarray  # (K, 2) world x, y, from the start on
-    shortest: float  # metres
-    reason: str
+    path: np.ndarray  # (K, 2) world x, y, from the start
+    shortest: float  # shortest path length, metres
+    reason: str  # of the failure, "" for a success
 
     @property
     def success(self) -> bool:
-        """Whether it arrived."""
+        """True if the robot reached the goal."""
         return not self.reason
 
     @property
@@ -72,19 +75,20 @@ class Walk:
         return weighted_success(self.success, path_length(self.path), self.shortest)
 
 
-def lay_floor(mesh: "trimesh.Trimesh", field: Field) -> "trimesh.Trimesh":
-    """The reconstruction with the floor that a robot on wheels knows of: the plane z = 0, where its cameras saw it.
+def add_floor(mesh: "trimesh.Trimesh", field: RadianceField) -> "trimesh.Trimesh":
+    """Add a flat floor to a reconstruction: the plane z = 0, where training views saw it.
 
-    What a field learned from colours makes of a plain floor has bumps, pits and holes that a camera 88 cm above it
-    hardly sees and a robot cannot pass. What lies within 20 cm of the plane, which Habitat's robots climb, is put into
-    it, and where a training ray came as far as the plane, there is floor. Furniture that stands there stays.
+    A field that is trained on colours represents a plain floor with bumps, pits and holes. A camera 0.88 m above it
+    hardly sees them, but a robot cannot pass. Vertices within 20 cm of the plane, the height that robots in Habitat
+    climb, are moved into the plane, and floor tiles are added where training rays reached the plane. Furniture is not
+    changed.
 
     Args:
         mesh: world frame, metres.
-        field: it came from, whose :meth:`~autonerf_lab.evaluators.radiance_field.Field.seen` says where rays came.
+        field: its method :meth:`~autonerf_lab.evaluators.radiance_field.RadianceField.seen` selects the floor tiles.
 
     Returns:
-        Geometry alone, without colours; an empty mesh as it is.
+        The geometry without colours; an empty mesh is returned unchanged.
     """
     import trimesh
 
@@ -103,38 +107,50 @@ def lay_floor(mesh: "trimesh.Trimesh", field: Field) -> "trimesh.Trimesh":
 
 
 def mesh_scene(mesh: "trimesh.Trimesh") -> Scene:
-    """A mesh as a scene that one can walk in, through the same file and the same import as a scan from elsewhere.
+    """Import a mesh as a scene, through a file, like a scan.
 
     Args:
         mesh: world frame, metres.
 
     Returns:
-        The scene, where the mesh was; its floor is at z = 0.
+        The scene, at the position of the mesh, with the floor at z = 0.
 
     Raises:
-        SceneError: it has no floor.
-        DataError: it is empty.
+        SceneError: the mesh has no floor.
+        DataError: the mesh is empty.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mesh.glb"
         try:
             scene = import_scene(export_mesh(mesh, path))
-        except DataError as error:  # the name of a file that nobody will ever see again
+        except DataError as error:  # do not name the temporary file
             raise type(error)(str(error).replace(str(path), "the mesh")) from error
-    middle = mesh.bounds.mean(axis=0) * (1, 1, 0)  # the import puts it to zero, and its floor
-    return replace(scene, vertices=(scene.vertices + middle).astype(np.float32))
+    center = mesh.bounds.mean(axis=0) * (1, 1, 0)  # the import moves the centre and the floor to zero
+    return replace(scene, vertices=(scene.vertices + center).astype(np.float32))
 
 
-def draw_episodes(true: Simulator, other: Simulator, count: int, seed: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Seeded pairs of starts and goals, (2,) world x, y, where the robot fits in both places; fewer where none are."""
+def sample_navigation_episodes(
+    true: Simulator, other: Simulator, count: int, seed: int = 0
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Sample starts and goals at which the robot fits in two scenes.
+
+    Args:
+        true: simulator of the true scene, in which distances are measured.
+        other: simulator of the reconstruction.
+        count: number of episodes.
+        seed: random seed.
+
+    Returns:
+        Pairs of start and goal, (2,) world x, y; fewer than ``count`` if no goal is found for some starts.
+    """
     ground, second = true.navigation, other.navigation
     cells = np.argwhere(ground.navigable)
-    places = cell_to_world(cells, ground.origin, ground.cell)
-    there = world_to_cell(places, second.origin, second.cell)
+    positions = cell_to_world(cells, ground.origin, ground.cell)
+    there = world_to_cell(positions, second.origin, second.cell)
     inside = np.all((there >= 0) & (there < second.navigable.shape), axis=1)
     both = np.flatnonzero(inside)
     both = both[second.navigable[tuple(there[both].T)]]
-    both = np.array([k for k in both if second.is_navigable(*places[k])], dtype=np.int64)
+    both = np.array([k for k in both if second.is_navigable(*positions[k])], dtype=np.int64)
     rng = np.random.default_rng([seed, 6])
     episodes: list[tuple[np.ndarray, np.ndarray]] = []
     for _ in range(count if len(both) else 0):
@@ -143,12 +159,22 @@ def draw_episodes(true: Simulator, other: Simulator, count: int, seed: int = 0) 
         goals = rng.choice(both, size=_TRIES)
         far = goals[distance[tuple(cells[goals].T)] >= MIN_GEODESIC]
         if len(far):
-            episodes.append((places[start], places[far[0]]))
+            episodes.append((positions[start], positions[far[0]]))
     return episodes
 
 
-def walk_to(sim: Simulator, start: np.ndarray, goal: np.ndarray, heading: float, max_steps: int = MAX_STEPS) -> Walk:
-    """Walk from a start to a goal, both (2,) world x, y, by a map that is made on the way."""
+def navigate(
+    sim: Simulator, start: np.ndarray, goal: np.ndarray, heading: float, max_steps: int = MAX_STEPS
+) -> NavigationEpisode:
+    """Run one episode with a map that the robot builds itself.
+
+    Args:
+        sim: simulator of the scene.
+        start: (2,) world x, y.
+        goal: (2,) world x, y.
+        heading: initial heading, radians.
+        max_steps: number of steps after which the episode fails.
+    """
     ground = sim.navigation
     ends = world_to_cell(np.stack([start, goal]), ground.origin, ground.cell)
     shortest = float(travel_distance(ground.navigable, ends[1:], ground.cell, stop_at=ends[0])[tuple(ends[0])])
@@ -159,48 +185,48 @@ def walk_to(sim: Simulator, start: np.ndarray, goal: np.ndarray, heading: float,
     while np.linalg.norm(path[-1] - goal) > SUCCESS_RADIUS:
         if len(collided) == max_steps:
             stuck = sum(collided[-_LAST:]) >= _LAST / 2
-            reason = "no way" if policy.blocked else "stuck" if stuck else "out of steps"
-            return Walk(goal, np.array(path), shortest, reason)
+            reason = "no path" if policy.blocked else "stuck" if stuck else "out of steps"
+            return NavigationEpisode(goal, np.array(path), shortest, reason)
         _, known = mapper.add(observation)
         observation = sim.step(policy.act(known, goal))
         path.append(sim.pose[:2, 3].copy())
         collided.append(observation.collided)
-    return Walk(goal, np.array(path), shortest, "")
+    return NavigationEpisode(goal, np.array(path), shortest, "")
 
 
 def evaluate_navigation(mesh: "trimesh.Trimesh", scene: Scene, count: int, seed: int = 0) -> TaskResult:
-    """Walk the same episodes in a reconstruction and in the scene it shows.
+    """Run the same episodes in a reconstruction and in its scene.
 
     Args:
         mesh: world frame, metres.
-        scene: the truth.
-        count: episodes.
-        seed: of starts, goals and headings.
+        scene: the ground truth.
+        count: number of episodes.
+        seed: random seed of starts, goals and headings.
     """
     camera = Intrinsics.from_fov(_PIXELS, _PIXELS)
     true = Simulator(scene, camera, supersample=1, rgb=False)
     if not len(mesh.faces):
-        return _nothing("empty mesh")
+        return _without_values("empty mesh")
     try:
         found = Simulator(mesh_scene(mesh), camera, supersample=1, rgb=False)
     except SceneError as error:
-        return _nothing(f"not walkable: {error}")
-    episodes = draw_episodes(true, found, count, seed)
+        return _without_values(f"not walkable: {error}")
+    episodes = sample_navigation_episodes(true, found, count, seed)
     if not episodes:
-        return _nothing("no common ground")
+        return _without_values("no common ground")
     headings = np.random.default_rng([seed, 7]).uniform(-np.pi, np.pi, len(episodes))
-    walks = {
-        suffix: [walk_to(sim, *ends, heading) for ends, heading in zip(episodes, headings.tolist(), strict=True)]
+    results = {
+        suffix: [navigate(sim, *ends, heading) for ends, heading in zip(episodes, headings.tolist(), strict=True)]
         for suffix, sim in (("", found), ("_true_mesh", true))
     }
     values: dict[str, float | None] = {}
-    for suffix, found_walks in walks.items():
-        values[f"success{suffix}"] = 100 * float(np.mean([walk.success for walk in found_walks]))
-        values[f"spl{suffix}"] = 100 * float(np.mean([walk.spl for walk in found_walks]))
-    reasons = {name: dict(Counter(walk.reason or "success" for walk in group)) for name, group in walks.items()}
+    for suffix, group in results.items():
+        values[f"success{suffix}"] = 100 * float(np.mean([episode.success for episode in group]))
+        values[f"spl{suffix}"] = 100 * float(np.mean([episode.spl for episode in group]))
+    reasons = {name: dict(Counter(e.reason or "success" for e in group)) for name, group in results.items()}
     artifact = {
-        "walks": walks[""],
-        "walks_true_mesh": walks["_true_mesh"],
+        "episodes": results[""],
+        "episodes_true_mesh": results["_true_mesh"],
         "reasons": reasons[""],
         "reasons_true_mesh": reasons["_true_mesh"],
         "ground": found.navigation,
@@ -213,6 +239,32 @@ def evaluate_navigation(mesh: "trimesh.Trimesh", scene: Scene, count: int, seed:
     return TaskResult(values, dict.fromkeys(values, len(episodes)), {}, artifact, details)
 
 
-def _nothing(why: str) -> TaskResult:
-    empty: dict[str, float | None] = dict.fromkeys(METRICS)
-    return TaskResult(empty, dict.fromkeys(METRICS, 0), dict.fromkeys(METRICS, why))
+def _without_values(status: str) -> TaskResult:
+    empty: dict[str, float | None] = dict.fromkeys(_NAMES)
+    return TaskResult(empty, dict.fromkeys(_NAMES, 0), dict.fromkeys(_NAMES, status))
+
+
+class NavigationTask(Task):
+    """Task 6: navigation in the mesh."""
+
+    name, metrics, title = "navigation", metrics_of("navigation"), "Navigation in the mesh"
+    optional = True
+    text = (
+        "A simulated robot navigates to goal positions in the reconstructed mesh, and in the true scene for "
+        "comparison. It builds its own map during each episode."
+    )
+    figures = (
+        TaskFigure(
+            "navigation",
+            "navigation_paths",
+            title="The same episodes in the mesh and in the true scene",
+            caption="Successful paths are green. The other colours show why an episode failed. The robot does not fit "
+            "in the grey areas.",
+            alt="Two floor plans with the paths of the robot: in the reconstructed mesh and in the true scene",
+        ),
+    )
+
+    def run(self, context: "EvaluationContext") -> TaskResult:
+        """Run the episodes in the mesh of the field and in the scene."""
+        starts = context.preset.planning_starts
+        return evaluate_navigation(context.surface_with_floor, context.scene, starts, context.seed)

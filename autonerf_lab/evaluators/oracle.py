@@ -1,4 +1,4 @@
-"""The ceiling: the true geometry behind the face of a field, so that it can be pushed through every evaluator."""
+"""Oracle: the true geometry with the interface of a radiance field, as an upper bound in every task."""
 
 from typing import TYPE_CHECKING
 
@@ -6,12 +6,12 @@ import numpy as np
 from numba import njit
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.evaluators.ground_truth import BAND, Grid
+from autonerf_lab.evaluators.ground_truth import BAND, MapGrid
 from autonerf_lab.evaluators.maps import LEVELS
-from autonerf_lab.evaluators.radiance_field import Image
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.frame import FieldFrame
-from autonerf_lab.scenes.height_band import occupied_columns
+from autonerf_lab.scenes.height_band import occupied_cells
+from autonerf_lab.types import Rendering
 
 if TYPE_CHECKING:
     import trimesh
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from autonerf_lab.simulator import Simulator
 
 SOLID = 1000.0  # per metre, the density where there is a surface
-_LEVEL = (BAND[1] - BAND[0]) / LEVELS  # metres, the height of the voxels
+_LEVEL = (BAND[1] - BAND[0]) / LEVELS  # height of a voxel, metres
 _VIEWS = 600
-_REACH = 0.05  # metres before a point from which its colour is looked at
+_REACH = 0.05  # metres between a point and the origin of the ray that determines its colour
 
 
 @njit(cache=True)
@@ -61,20 +61,21 @@ def _texture_colors(
 
 
 class TrueField:
-    """Answers as a field would that had learned the scene without error.
+    """Radiance field that represents a scene without error.
 
-    * ``render`` is the simulator's image.
-    * ``density`` is 1000 per metre in each voxel of 1 x 1 x 3 cm that a surface crosses, else 0: the voxels of the map.
-    * ``seen`` is true everywhere.
-    * ``mesh`` is the true mesh: voxels with a surface through them are no solid that marching cubes could cut.
+    * ``render`` returns the image of the simulator.
+    * ``density`` is 1000 per metre in each voxel of 1 x 1 x 3 cm that a surface crosses, else 0. The voxels are those
+      of the maps.
+    * ``seen`` is True everywhere.
+    * ``mesh`` is the true mesh. Marching cubes cannot extract it from the density, which is not solid inside objects.
     * ``ray_gradients`` differentiates the textured surface numerically, over half a pixel.
-    * ``cameras`` are 600 uniform views: the same number of poses that a walk might keep, but from everywhere.
+    * ``poses`` are 600 poses, uniform over the scene.
 
     Args:
-        scene: the truth.
-        sim: a simulator of that scene to share; by default one is made for the training camera.
-        views: how many training cameras to pretend.
-        seed: of their poses.
+        scene: the ground truth.
+        sim: a simulator of this scene; by default one with the training camera is created.
+        views: number of poses.
+        seed: random seed of the poses.
 
     Example:
         >>> from autonerf_lab.scenes import load_scene
@@ -92,39 +93,39 @@ class TrueField:
         self.meta = {"scene": scene.name, "model": "true geometry"}
         self.frame, self.classes = FieldFrame(), NUM_CLASSES
         rng = np.random.default_rng([seed, 600])
-        self.cameras = np.stack([self.sim.sample_pose(rng) for _ in range(views)])
-        self._grid = Grid.over(scene.bounds)
-        self._other: Simulator | None = None  # for another camera
+        self.poses = np.stack([self.sim.sample_pose(rng) for _ in range(views)])
+        self._grid = MapGrid.over(scene.bounds)
+        self._resized_sim: Simulator | None = None  # simulator with other intrinsics
         self._levels: dict[int, np.ndarray] = {}
         self._triangles = scene.vertices[scene.faces].astype(np.float64)
 
-    def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Image:
-        """The simulator's image."""
+    def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Rendering:
+        """Return the image of the simulator."""
         from autonerf_lab.simulator import Simulator
 
         sim = self.sim
         if intrinsics != sim.intrinsics:
-            if self._other is None or self._other.intrinsics != intrinsics:
-                self._other = Simulator(self.scene, intrinsics, supersample=1)
-            sim = self._other
+            if self._resized_sim is None or self._resized_sim.intrinsics != intrinsics:
+                self._resized_sim = Simulator(self.scene, intrinsics, supersample=1)
+            sim = self._resized_sim
         frame = sim.render(c2w)
-        return Image(
+        return Rendering(
             frame.rgb.astype(np.float32) / 255, frame.depth, frame.semantics, (frame.depth > 0).astype(np.float32)
         )
 
     def _level(self, index: int) -> np.ndarray:
         if index not in self._levels:
             low = BAND[0] + index * _LEVEL
-            # Surfaces on the edges of the band belong to it, so that the map of these voxels is the true one
+            # Surfaces on the limits of the height band belong to it, so that the map of these voxels is the true map.
             low, high = (BAND[0] if index == 0 else low), (BAND[1] if index == LEVELS - 1 else low + _LEVEL)
             vertices, faces = self.scene.vertices, self.scene.faces
-            self._levels[index] = occupied_columns(
+            self._levels[index] = occupied_cells(
                 vertices, faces, low, high, self._grid.origin, self._grid.cell, self._grid.shape
             )
         return self._levels[index]
 
     def density(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) -> (N,) float32 per metre."""
+        """Return the (N,) float32 density at (N, 3) points, per metre."""
         sigma = np.zeros(len(points), dtype=np.float32)
         cells, inside = self._grid.cells(points)
         index = np.floor((points[inside, 2] - BAND[0]) / _LEVEL).astype(np.int64)
@@ -135,8 +136,8 @@ class TrueField:
         sigma[inside] = values
         return sigma
 
-    def _look(self, points: np.ndarray, directions: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Face that one meets when looking at a point along a direction (down by default), and where."""
+    def _cast(self, points: np.ndarray, directions: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Cast a ray towards each point (default: downwards); return the faces that are hit, and the hit points."""
         directions = np.array([[0.0, 0.0, -1.0]]) if directions is None else directions
         directions = np.broadcast_to(directions, points.shape)
         origins = points - _REACH * directions
@@ -144,21 +145,26 @@ class TrueField:
         return hits.face, origins + np.where(np.isfinite(hits.t), hits.t, 0)[:, None] * directions
 
     def color(self, points: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
-        """(N, 3) float32: the surface seen when looking along ``directions`` (unit length) from 5 cm before."""
-        face, where = self._look(points, directions)
-        return self._colors(where, face)
+        """Return the (N, 3) float32 colour of the surface that a ray hits, cast from 5 cm before each point.
+
+        Args:
+            points: (N, 3).
+            directions: (N, 3) unit vectors; default: downwards.
+        """
+        face, surface = self._cast(points, directions)
+        return self._colors(surface, face)
 
     def semantics(self, points: np.ndarray) -> np.ndarray:
-        """(N, 16) float32: one at the class of the surface seen from 5 cm above."""
-        face, _ = self._look(points, None)
+        """Return (N, 16) float32 one-hot classes of the surface that a downward ray hits, from 5 cm above."""
+        face, _ = self._cast(points, None)
         return np.eye(NUM_CLASSES, dtype=np.float32)[np.where(face < 0, 0, self.scene.face_class[face])]
 
     def seen(self, points: np.ndarray) -> np.ndarray:
-        """(N,) bool, all true."""
+        """Return (N,) True: every point counts as seen."""
         return np.ones(len(points), dtype=bool)
 
     def mesh(self) -> "trimesh.Trimesh":
-        """The true mesh, uncoloured: what an extraction without error would find."""
+        """Return the true mesh, without colours."""
         import trimesh
 
         return trimesh.Trimesh(self.scene.vertices, self.scene.faces, process=False)
@@ -171,10 +177,10 @@ class TrueField:
     def ray_gradients(
         self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Squared error of the mean of 2 x 2 samples a pixel, and its gradients from their differences.
+        """Return the squared error of the mean of 2 x 2 samples per pixel, and its gradients by finite differences.
 
-        Turning a ray by a small ``e`` moves its end by ``t`` times what moving its origin by ``e`` does, and moving the
-        origin along the ray does nothing: so ``dL/do = dL/dd / t``.
+        Rotating a ray of length ``t`` moves its end point ``t`` times as far as translating its origin by the same
+        amount, and a translation along the ray has no effect. Therefore ``dL/do = dL/dd / t``.
         """
         quarter = 0.25 / self.sim.intrinsics.fl_x
         helper = np.where(np.abs(rays_d[:, 2:]) < 0.9 * np.linalg.norm(rays_d, axis=1, keepdims=True), 1.0, 0.0)

@@ -1,28 +1,29 @@
-"""Task 3, planning: is the map good enough to find one's way (section 4.3, and "Planning" of the appendix)?
+"""Task 3, planning: paths planned on the predicted map (section 4.3, and "Planning" of the appendix).
 
-**Maps.** Planned on the predicted map of 1 cm, where occupied and unknown columns are obstacles grown by 20 cm;
-judged on the true map, where everything but free space is an obstacle grown by 18 cm, the robot's radius. An end of a
-path that the predicted map blocks gets the released code's cleared disc of 40 cells; an end that is free needs none
-(clearing it always would open short cuts through known obstacles, and true maps would fail).
+**Maps.** Paths are planned on the predicted map with 1 cm cells, in which occupied and unknown cells are obstacles,
+dilated by 20 cm. They are judged on the true map, in which every cell that is not free is an obstacle, dilated by 18
+cm, the robot's radius. If the predicted map blocks the start or the goal, a disc of 40 cells around it is cleared, as
+in the released code. A free start or goal is not cleared: clearing would open short cuts through known obstacles, and
+paths planned on true maps would fail.
 
-**PointGoal.** Seeded starts, uniform where the robot fits on the true map; a goal, drawn likewise, at a geodesic
-distance of at least 2 m. Success: the path ends less than 1 m from the goal and crosses less than 10 cells that are
-obstacles.
+**PointGoal.** The starts are seeded and uniform over the cells in which the robot fits on the true map. The goal is
+sampled in the same way, at a geodesic distance of at least 2 m. An episode succeeds if the path ends less than 1 m from
+the goal and crosses fewer than 10 obstacle cells.
 
-**ObjectGoal.** The same starts, every class that the true map holds beside ground that the robot can reach: one that no
-robot could stand beside (a cup in a sealed corner) is no task. The goals are the free cells beside the predicted
-columns of the class: at most 25 cm from them (the released code's disc), or, for what lies deep on a table or behind
-other furniture, at most 5 cm farther than the nearest free cell. Each connected patch of columns has its own such ring,
-so the planner goes to the nearest; predicted patches with less than a tenth of the columns of the largest of their
-class are noise (the released code drops those under 300 cells, and with them every cup). Success: the path ends less
-than 1 m from a true column of that class, and crosses less than 10 obstacle cells. A class that was not predicted is
-a failure.
+**ObjectGoal.** The starts are the same, for every class on the true map that has an object beside reachable ground: an
+object that no robot can reach (a cup in a sealed corner) is left out. The goal region consists of the free cells at
+most 25 cm from the predicted cells of the class (the disc of the released code). If there are none, for an object in
+the middle of a table or behind other furniture, it consists of the cells at most 5 cm farther away than the nearest
+free cell. Each connected patch of predicted cells has its own goal region, and the path leads to the nearest. Patches
+with less than a tenth of the cells of the largest patch of their class are treated as noise (the released code drops
+patches under 300 cells, and with them every cup). An episode succeeds if the path ends less than 1 m from a true cell
+of the class and crosses fewer than 10 obstacle cells. If the class was not predicted, the episode fails.
 
-**SPL** = mean of S l / max(p, l): p the length of the path, l the shortest on the true map, to the goal or, for an
-object, to the ring around its true columns. A start that lies in that ring already (l = 0) has no way to plan, and SPL
-would be zero however short the path: it is no episode.
+**SPL** = mean of S l / max(p, l), with success S, path length p and the shortest path length l on the true map, to the
+goal or to the goal region around the true cells of the class. A start inside this region (l = 0) is not an episode: its
+SPL would be zero for any path.
 
-Every failed episode carries a reason: ``class not predicted``, ``no path``, ``through an obstacle`` or ``ended far``.
+Every failed episode has a reason: ``class not predicted``, ``no path``, ``through an obstacle`` or ``ended far``.
 """
 
 import weakref
@@ -30,6 +31,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
@@ -38,37 +40,41 @@ from scipy.spatial import cKDTree
 from autonerf_lab.classes import CLASS_NAMES, NUM_CLASSES
 from autonerf_lab.evaluators.ground_truth import TrueMap
 from autonerf_lab.evaluators.maps import CellState
-from autonerf_lab.evaluators.task_result import TaskResult
+from autonerf_lab.evaluators.metrics import metrics_of
+from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
 from autonerf_lab.planning.fast_marching import descend, path_length, travel_distance, weighted_success
 from autonerf_lab.utils.resources import threads
 
+if TYPE_CHECKING:
+    from autonerf_lab.evaluators.context import EvaluationContext
+
 PREDICTED_DILATION = 0.20  # metres
 TRUE_DILATION = 0.18
-CLEARED = 40  # cells, radius of the disc at a blocked end
+CLEARED = 40  # cells, radius of the disc cleared around a blocked start or goal
 MIN_GEODESIC = 2.0  # metres
 SUCCESS_DISTANCE = 1.0
-MAX_OBSTACLE_CELLS = 10  # a path that crosses as many fails
+MAX_OBSTACLE_CELLS = 10  # a path that crosses this many cells fails
 OBJECT_RING = 25  # cells
 NOISE_SHARE = 0.1
-_RING_WIDTH = 5  # cells beyond the nearest free one
-_RING_REACH = 100  # cells: an object farther from free space than success allows is out of reach
+_RING_WIDTH = 5  # cells beyond the nearest free cell
+_RING_REACH = 100  # cells: an object farther from free space than the success distance is out of reach
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One plan and its judgement. ``reason`` is empty for a success."""
+    """One planned path and its outcome."""
 
     start: np.ndarray  # (2,) cell
     goal: np.ndarray | None  # (2,) cell of a PointGoal
     class_id: int  # of an ObjectGoal, else 0
-    reason: str
+    reason: str  # of the failure, "" for a success
     path: np.ndarray | None  # (K, 2) float cells, row and column
-    length: float  # metres
-    shortest: float  # metres
+    length: float  # path length, metres
+    shortest: float  # shortest path length on the true map, metres
 
     @property
     def success(self) -> bool:
-        """Whether the episode succeeded."""
+        """True if the episode succeeded."""
         return not self.reason
 
     @property
@@ -78,22 +84,27 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class Tasks:
-    """What is planned in a scene: the same for every field that is judged in it."""
+class EpisodeSet:
+    """Starts and goals of the planning episodes of a scene, the same for every field."""
 
-    passable: np.ndarray  # (R, C) bool, the robot's centre may be here on the true map
+    passable: np.ndarray  # (R, C) bool, cells in which the centre of the robot may be on the true map
     starts: np.ndarray  # (N, 2) cells
     goals: np.ndarray  # (N, 2) cells
     shortest: np.ndarray  # (N,) metres, start to goal
-    classes: tuple[int, ...]  # that are within reach of the starts
-    shortest_object: np.ndarray  # (16, N) metres, start to the ring of the class
+    classes: tuple[int, ...]  # within reach of the starts
+    shortest_object: np.ndarray  # (16, N) metres, start to the goal region of the class
 
 
-def grow(free: np.ndarray, radius: float, cell: float) -> np.ndarray:
-    """(R, C) bool: free cells whose centre is farther than ``radius`` (metres) from that of any obstacle cell.
+def dilate_obstacles(free: np.ndarray, radius: float, cell: float) -> np.ndarray:
+    """Return the free cells that remain after the obstacles are dilated.
+
+    Args:
+        free: (R, C) bool.
+        radius: metres, between the centres of cells.
+        cell: side of a cell, metres.
 
     Example:
-        >>> grow(np.array([[True, True, True, True, False]]), 0.02, 0.01).astype(int)
+        >>> dilate_obstacles(np.array([[True, True, True, True, False]]), 0.02, 0.01).astype(int)
         array([[1, 1, 0, 0, 0]])
     """
     if free.all():
@@ -102,7 +113,7 @@ def grow(free: np.ndarray, radius: float, cell: float) -> np.ndarray:
 
 
 def spl(episodes: Iterable[Episode]) -> float | None:
-    """Mean success weighted by path length, percent; None without episodes."""
+    """Compute the mean success weighted by path length, percent; None without episodes."""
     values = [episode.spl for episode in episodes]
     return float(100 * np.mean(values)) if values else None
 
@@ -113,30 +124,30 @@ def _mask(shape: tuple[int, ...], cells: np.ndarray) -> np.ndarray:
     return mask
 
 
-def object_ring(columns: np.ndarray, passable: np.ndarray, min_share: float = 0.0) -> np.ndarray:
-    """Where to stop beside an object (see the module's text).
+def object_ring(cells: np.ndarray, passable: np.ndarray, min_share: float = 0.0) -> np.ndarray:
+    """Return the goal region around the objects of a class (see the module docstring).
 
     Args:
-        columns: (R, C) bool, the columns of one class.
-        passable: (R, C) bool, where one can stand.
-        min_share: patches with fewer columns than this share of the largest patch are taken for noise.
+        cells: (R, C) bool, the cells of the class.
+        passable: (R, C) bool, the cells in which a robot can stand.
+        min_share: patches with fewer cells than this share of the largest patch are treated as noise.
 
     Returns:
         (R, C) bool.
     """
     ring = np.zeros_like(passable)
-    if not columns.any():
+    if not cells.any():
         return ring
-    there = _window(ndimage.find_objects(columns.astype(np.uint8))[0], columns.shape)
-    columns, passable = columns[there], passable[there]
-    # A map made of points has gaps: columns 2 cells apart belong together
-    labels, patches = ndimage.label(ndimage.binary_dilation(columns, np.ones((3, 3), dtype=bool)), np.ones((3, 3)))
-    labels = np.where(columns, labels, 0)
+    there = _window(ndimage.find_objects(cells.astype(np.uint8))[0], cells.shape)
+    cells, passable = cells[there], passable[there]
+    # A map made of points has gaps: cells at a distance of 2 belong to one patch
+    labels, patches = ndimage.label(ndimage.binary_dilation(cells, np.ones((3, 3), dtype=bool)), np.ones((3, 3)))
+    labels = np.where(cells, labels, 0)
     sizes = np.bincount(labels.ravel(), minlength=patches + 1)[1:]
     for k, box in enumerate(ndimage.find_objects(labels), start=1):
         if sizes[k - 1] < min_share * sizes.max():
             continue
-        window = _window(box, columns.shape)
+        window = _window(box, cells.shape)
         free = passable[window]
         if free.any():
             distance = ndimage.distance_transform_edt(labels[window] != k)
@@ -147,23 +158,23 @@ def object_ring(columns: np.ndarray, passable: np.ndarray, min_share: float = 0.
 
 
 def _window(box: tuple[slice, ...], shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """The box with everything around it that an object ring may reach."""
+    """Enlarge a box by the reach of a goal region."""
     return tuple(
         slice(max(0, s.start - _RING_REACH), min(size, s.stop + _RING_REACH))
         for s, size in zip(box, shape, strict=True)
     )
 
 
-def make_tasks(truth: TrueMap, count: int, seed: int = 0) -> Tasks:
-    """Seeded starts and goals of a scene, with the lengths of their shortest true paths."""
-    passable = grow(truth.free, TRUE_DILATION, truth.grid.cell)
+def sample_episodes(truth: TrueMap, count: int, seed: int = 0) -> EpisodeSet:
+    """Sample ``count`` starts and goals in a scene, and compute the shortest path lengths on its true map."""
+    passable = dilate_obstacles(truth.free, TRUE_DILATION, truth.grid.cell)
     labels, regions = ndimage.label(passable)
     if regions:
         passable = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
     cells = np.argwhere(passable)
     if not len(cells):
         empty = np.zeros((0, 2), dtype=np.int64)
-        return Tasks(passable, empty, empty, np.zeros(0), (), np.zeros((NUM_CLASSES, 0)))
+        return EpisodeSet(passable, empty, empty, np.zeros(0), (), np.zeros((NUM_CLASSES, 0)))
     rng = np.random.default_rng([seed, 3])
     starts = cells[rng.integers(len(cells), size=count)]
     # Each episode draws from a stream of its own, so that threads cannot change the goals
@@ -181,7 +192,7 @@ def make_tasks(truth: TrueMap, count: int, seed: int = 0) -> Tasks:
                 field = distance
             if field[tuple(goal)] >= MIN_GEODESIC:
                 return goal, float(field[tuple(goal)])
-        return starts[i], 0.0  # an apartment where nothing is 2 m away
+        return starts[i], 0.0  # no cell of the apartment is 2 m away
 
     with ThreadPoolExecutor(threads()) as pool:
         drawn = list(pool.map(draw, range(count)))
@@ -192,23 +203,23 @@ def make_tasks(truth: TrueMap, count: int, seed: int = 0) -> Tasks:
         for k, field in zip(classes, fields, strict=True):
             shortest_object[k] = field
     goals = np.array([goal for goal, _ in drawn])
-    return Tasks(passable, starts, goals, np.array([length for _, length in drawn]), classes, shortest_object)
+    return EpisodeSet(passable, starts, goals, np.array([length for _, length in drawn]), classes, shortest_object)
 
 
-_TASKS: dict[tuple[int, int, int], Tasks] = {}  # by id of the true map, count and seed: all fields get the same
+_EPISODES: dict[tuple[int, int, int], EpisodeSet] = {}  # by id of the true map, count and seed
 
 
-def scene_tasks(truth: TrueMap, count: int, seed: int = 0) -> Tasks:
-    """:func:`make_tasks`, made once for each true map."""
+def scene_episodes(truth: TrueMap, count: int, seed: int = 0) -> EpisodeSet:
+    """Return the result of :func:`sample_episodes`, cached as long as the true map exists."""
     key = (id(truth), count, seed)
-    if key not in _TASKS:
-        _TASKS[key] = make_tasks(truth, count, seed)
-        weakref.finalize(truth, _TASKS.pop, key, None)
-    return _TASKS[key]
+    if key not in _EPISODES:
+        _EPISODES[key] = sample_episodes(truth, count, seed)
+        weakref.finalize(truth, _EPISODES.pop, key, None)
+    return _EPISODES[key]
 
 
 def _disc(center: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of the cleared disc, and their distances from its centre in cells."""
+    """Return the cells of the cleared disc, and their distances from its centre in cells."""
     offsets = np.indices((2 * CLEARED + 1, 2 * CLEARED + 1)).reshape(2, -1).T - CLEARED
     offsets = offsets[np.hypot(*offsets.T) <= CLEARED]
     cells = center + offsets
@@ -217,10 +228,7 @@ def _disc(center: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.nd
 
 
 def _follow(distance: np.ndarray, start: np.ndarray, cell: float) -> np.ndarray | None:
-    """Path from a start down a field of distances; None when there is none.
-
-    In a cleared disc nothing is in the way, so the way out of it is straight: to the cell with the shortest sum.
-    """
+    """Follow a distance field downhill; a blocked start is left on a straight line. None if there is no path."""
     if np.isfinite(distance[tuple(start)]):
         return descend(distance, start, cell)
     cells, radius = _disc(start, distance.shape)
@@ -232,7 +240,7 @@ def _follow(distance: np.ndarray, start: np.ndarray, cell: float) -> np.ndarray 
 
 
 def obstacle_cells(path: np.ndarray, passable: np.ndarray) -> int:
-    """How many distinct cells of a (K, 2) path in cells are not passable.
+    """Count the distinct cells on a (K, 2) path, in cells, that are not passable.
 
     Example:
         >>> free = np.ones((5, 5), bool); free[:, 2] = False
@@ -247,76 +255,95 @@ def obstacle_cells(path: np.ndarray, passable: np.ndarray) -> int:
     return int(np.sum(~passable[tuple(cells.T)]))
 
 
-def _judge(path: np.ndarray | None, tasks: Tasks, i: int, end_distance: Callable[[np.ndarray], float]) -> str:
+def _judge(
+    path: np.ndarray | None, episode_set: EpisodeSet, i: int, end_distance: Callable[[np.ndarray], float]
+) -> str:
     if path is None:
         return "no path"
-    if obstacle_cells(path, tasks.passable) >= MAX_OBSTACLE_CELLS:
+    if obstacle_cells(path, episode_set.passable) >= MAX_OBSTACLE_CELLS:
         return "through an obstacle"
     return "" if end_distance(path[-1]) < SUCCESS_DISTANCE else "ended far"
 
 
-def plan_points(free: np.ndarray, tasks: Tasks, cell: float) -> list[Episode]:
-    """Plan and judge every PointGoal on a map of free cells that is already grown."""
+def plan_points(free: np.ndarray, episode_set: EpisodeSet, cell: float) -> list[Episode]:
+    """Plan and judge all PointGoal episodes.
+
+    Args:
+        free: (R, C) bool, free cells of the predicted map after the obstacles are dilated.
+        episode_set: starts and goals.
+        cell: side of a cell, metres.
+    """
 
     def episode(i: int) -> Episode:
-        start, goal = tasks.starts[i], tasks.goals[i]
+        start, goal = episode_set.starts[i], episode_set.goals[i]
         here = free
         if not free[tuple(goal)]:
             here = free.copy()
             here[tuple(_disc(goal, free.shape)[0].T)] = True
         stop = start if here[tuple(start)] else None
         path = _follow(travel_distance(here, _mask(free.shape, goal), cell, stop_at=stop), start, cell)
-        reason = _judge(path, tasks, i, lambda end: float(np.hypot(*(end - goal)) * cell))
+        reason = _judge(path, episode_set, i, lambda end: float(np.hypot(*(end - goal)) * cell))
         length = np.inf if path is None else path_length(path, cell)
-        return Episode(start, goal, 0, reason, path, length, float(tasks.shortest[i]))
+        return Episode(start, goal, 0, reason, path, length, float(episode_set.shortest[i]))
 
-    reachable = np.flatnonzero(tasks.shortest > 0)
+    reachable = np.flatnonzero(episode_set.shortest > 0)
     with ThreadPoolExecutor(threads()) as pool:
         return list(pool.map(episode, reachable.tolist()))
 
 
-def plan_objects(free: np.ndarray, labels: np.ndarray, truth: TrueMap, tasks: Tasks) -> list[Episode]:
-    """Plan and judge every ObjectGoal; ``labels`` (R, C) is the predicted class of each column."""
+def plan_objects(free: np.ndarray, labels: np.ndarray, truth: TrueMap, episode_set: EpisodeSet) -> list[Episode]:
+    """Plan and judge all ObjectGoal episodes.
+
+    Args:
+        free: as in :func:`plan_points`.
+        labels: (R, C) predicted class of each map cell.
+        truth: ground truth on the same grid.
+        episode_set: starts and classes.
+    """
     cell = truth.grid.cell
 
     def of_class(k: int) -> list[Episode]:
-        columns = labels == k
-        field = travel_distance(free, object_ring(columns, free, NOISE_SHARE), cell) if columns.any() else None
+        cells = labels == k
+        field = travel_distance(free, object_ring(cells, free, NOISE_SHARE), cell) if cells.any() else None
         tree = cKDTree(np.argwhere(truth.semantics[k - 1]))
         episodes = []
-        for i in np.flatnonzero(tasks.shortest_object[k] > 0).tolist():
-            start = tasks.starts[i]
+        for i in np.flatnonzero(episode_set.shortest_object[k] > 0).tolist():
+            start = episode_set.starts[i]
             path = None if field is None else _follow(field, start, cell)
-            reason = _judge(path, tasks, i, lambda end: float(tree.query(end)[0] * cell))
+            reason = _judge(path, episode_set, i, lambda end: float(tree.query(end)[0] * cell))
             reason = "class not predicted" if field is None else reason
             length = np.inf if path is None else path_length(path, cell)
-            episodes.append(Episode(start, None, k, reason, path, length, float(tasks.shortest_object[k, i])))
+            episodes.append(Episode(start, None, k, reason, path, length, float(episode_set.shortest_object[k, i])))
         return episodes
 
     with ThreadPoolExecutor(threads()) as pool:
-        return [episode for group in pool.map(of_class, tasks.classes) for episode in group]
+        return [episode for group in pool.map(of_class, episode_set.classes) for episode in group]
 
 
 def evaluate_planning(
-    states: np.ndarray, labels: np.ndarray, truth: TrueMap, tasks: Tasks, dilation: float = PREDICTED_DILATION
+    states: np.ndarray,
+    labels: np.ndarray,
+    truth: TrueMap,
+    episode_set: EpisodeSet,
+    dilation: float = PREDICTED_DILATION,
 ) -> TaskResult:
-    """Plan on a predicted map and judge on the true one.
+    """Plan paths on a predicted map and judge them on the true one.
 
     Args:
-        states: (R, C) of :class:`~autonerf_lab.evaluators.maps.CellState`.
-        labels: (R, C) predicted class of each column, 0 for none.
-        truth: on the same grid.
-        tasks: of :func:`make_tasks`.
-        dilation: metres by which the predicted obstacles are grown.
+        states: (R, C) predicted :class:`~autonerf_lab.evaluators.maps.CellState`.
+        labels: (R, C) predicted class of each map cell, 0 for none.
+        truth: ground truth on the same grid.
+        episode_set: starts and goals of :func:`sample_episodes`.
+        dilation: of the predicted obstacles, metres.
     """
-    free = grow(states == CellState.FREE, dilation, truth.grid.cell)
-    points, objects = plan_points(free, tasks, truth.grid.cell), plan_objects(free, labels, truth, tasks)
+    free = dilate_obstacles(states == CellState.FREE, dilation, truth.grid.cell)
+    points, objects = plan_points(free, episode_set, truth.grid.cell), plan_objects(free, labels, truth, episode_set)
     result = planning_scores(points, objects, truth)
     return replace(result, artifact=result.artifact | {"free": free})
 
 
 def planning_scores(points: list[Episode], objects: list[Episode], truth: TrueMap) -> TaskResult:
-    """The four scores of judged episodes, and how many ended how."""
+    """Compute the four scores of judged episodes, and count the outcomes."""
     values: dict[str, float | None] = {}
     n, status = {}, {}
     both = {"pointgoal": points, "objectgoal": objects}
@@ -338,3 +365,29 @@ def planning_scores(points: list[Episode], objects: list[Episode], truth: TrueMa
 
 def _reasons(episodes: Iterable[Episode]) -> dict[str, int]:
     return dict(sorted(Counter(episode.reason or "success" for episode in episodes).items()))
+
+
+class PlanningTask(Task):
+    """Task 3: PointGoal and ObjectGoal planning."""
+
+    name, metrics, title = "planning", metrics_of("planning"), "Path planning"
+    text = (
+        "Paths to points (PointGoal) and to objects (ObjectGoal) are planned on the predicted map and judged on the "
+        "true map. A path succeeds if it ends less than 1 m from its goal and does not cross obstacles. SPL is the "
+        "success weighted by path length."
+    )
+    figures = (
+        TaskFigure(
+            "paths",
+            "planned_paths",
+            title="Planned paths on the true map",
+            caption="Successful paths are green. The other colours show why a path failed.",
+            alt="Two floor plans with planned paths: to points on the left, to objects on the right",
+        ),
+    )
+
+    def run(self, context: "EvaluationContext") -> TaskResult:
+        """Plan on the predicted map of the field."""
+        episode_set = scene_episodes(context.truth, context.preset.planning_starts, context.seed)
+        result = evaluate_planning(context.states, context.labels, context.truth, episode_set)
+        return replace(result, artifact=result.artifact | {"truth": context.truth, "episode_set": episode_set})

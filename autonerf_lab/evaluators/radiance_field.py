@@ -1,38 +1,28 @@
-"""What an evaluator asks of a field: anything that answers these methods can be scored."""
+"""Interface between radiance fields and evaluators: every object with these methods can be scored."""
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from autonerf_lab.geometry import Intrinsics, camera_rays
 from autonerf_lab.nerf.frame import FieldFrame
-
-
-@dataclass(frozen=True)
-class Image:
-    """What a field shows from one pose."""
-
-    rgb: np.ndarray  # (H, W, 3) float32 in [0, 1]
-    depth: np.ndarray  # (H, W) float32, metres along the optical axis, the median of the weights
-    semantics: np.ndarray | None  # (H, W) uint8, class index; None: the field knows no classes
-    opacity: np.ndarray  # (H, W) float32 in [0, 1]
+from autonerf_lab.types import Rendering
 
 
 def surface_points(image: Any, c2w: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, np.ndarray]:
-    """Where the rays of a picture end; those that collect less than half of the light end nowhere.
+    """Compute the end points of the rays of a rendering; rays with an opacity of at most 0.5 have none.
 
     Args:
-        image: what a field shows, with the fields of :class:`Image`.
-        c2w: (4, 4) camera-to-world it was rendered from.
-        intrinsics: of that camera.
+        image: rendering with the attributes of :class:`~autonerf_lab.types.Rendering`.
+        c2w: (4, 4) camera-to-world pose of the rendering.
+        intrinsics: of its camera.
 
     Returns:
-        (N, 3) float32 world points, and (H, W) bool: their pixels, in the same order.
+        (N, 3) float32 world points, and the (H, W) bool mask of their pixels, in the same order.
 
     Example:
         >>> one = np.ones((1, 2), np.float32)
-        >>> image = Image(one[..., None].repeat(3, axis=2), 2 * one, None, np.array([[1.0, 0.4]]))
+        >>> image = Rendering(one[..., None].repeat(3, axis=2), 2 * one, None, np.array([[1.0, 0.4]]))
         >>> points, ends = surface_points(image, np.eye(4), Intrinsics.from_fov(2, 1))
         >>> points.tolist(), ends.tolist()
         ([[-1.0, 0.0, -2.0]], [[True, False]])
@@ -42,31 +32,43 @@ def surface_points(image: Any, c2w: np.ndarray, intrinsics: Intrinsics) -> tuple
     return (rays_o + image.depth[..., None] * rays_d)[ends].astype(np.float32), ends
 
 
-class Field(Protocol):
-    """A trained NeRF, the true geometry, or a toy of a test. Points are world metres, ``rays_d`` has depth 1."""
+class RadianceField(Protocol):
+    """Interface of a radiance field: a trained NeRF, or the true geometry.
 
-    cameras: np.ndarray  # (T, 4, 4) training poses
+    Points are in the world frame, in metres. Ray directions ``rays_d`` have length 1 along the optical axis.
+    """
+
+    poses: np.ndarray  # (T, 4, 4) float64 camera-to-world, training poses
     intrinsics: Intrinsics  # of the training cameras
-    meta: dict  # at least ``scene``
-    classes: int  # how many it tells apart, 0 for none
-    frame: FieldFrame  # where the field has its zero, and what it takes for a metre
+    meta: dict  # origin of the training images, at least ``scene``
+    classes: int  # number of classes that the field predicts, 0 for none
+    frame: FieldFrame  # origin and unit of the internal coordinates of the field
 
-    def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Any:
-        """One image from a pose, with the fields of :class:`Image`."""
+    def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Rendering:
+        """Render the view from a (4, 4) pose; see :class:`~autonerf_lab.types.Rendering`."""
 
     def density(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) -> (N,) float32, per metre."""
+        """Return the (N,) float32 density at (N, 3) points, per metre."""
 
     def color(self, points: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
-        """(N, 3) -> (N, 3) float32 in [0, 1], looking along ``directions``."""
+        """Return the (N, 3) float32 colour in [0, 1] at (N, 3) points, seen along ``directions``."""
 
     def semantics(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) -> (N, 16) float32 probabilities."""
+        """Return the (N, 16) float32 class probabilities at (N, 3) points."""
 
     def seen(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) -> (N,) bool: inside a training view, in front of its rendered depth or at it."""
+        """Return (N,) bool: True if a point lies in a training view, not behind its rendered depth."""
 
     def ray_gradients(
         self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Squared error per ray (N,), mean over the channels, and its gradients for origins and directions."""
+        """Return the (N,) squared error of the colour, mean over channels, and its gradients.
+
+        Args:
+            rays_o: (N, 3) origins.
+            rays_d: (N, 3) directions.
+            target: (N, 3) colours in [0, 1].
+
+        Returns:
+            (N,) errors, (N, 3) gradients for the origins, (N, 3) gradients for the directions.
+        """

@@ -1,23 +1,25 @@
-"""Task 1, rendering (section 4.3): images from poses that the walk never chose.
+"""Task 1, rendering (section 4.3): images from test poses that are not part of the trajectory.
 
-Test poses are uniform over the navigable floor and over heading, seeded, and independent of every walk. The target is
-the simulator's image. Averages are over images; classes are judged on one confusion matrix over all images.
+Test poses are seeded, uniform over the navigable floor and over heading, and independent of the trajectory. The target
+is the image of the simulator. Image metrics are averaged over the images; class metrics are computed from one
+confusion matrix over all images.
 
-* PSNR = -10 log10 MSE, sRGB values in [0, 1]. The error of an image is taken as at least that of rounding to 8 bits
-  (a uniform error of half a level), so that a perfect image scores 58.9 dB and not infinity.
+* PSNR = -10 log10 MSE, sRGB values in [0, 1]. The MSE has a lower bound, the error of rounding to 8 bits (uniform,
+  half a level), so that a perfect image has 58.9 dB instead of infinity.
 * SSIM = mean over pixels and channels of (2 m_x m_y + C1) (2 s_xy + C2) / ((m_x**2 + m_y**2 + C1) (s_x**2 + s_y**2 +
   C2)), C1 = 0.01**2, C2 = 0.03**2, with means m, variances s**2 and covariance s_xy (of a population, not of a sample)
   under the Gaussian window of Wang et al. (2004), sigma 1.5.
-* FLIP (Andersson et al. 2020) = mean over pixels of E_c**(1 - E_f): E_c the distance of the two colours, filtered as
-  the eye does, E_f that of edges and points; for a viewer at 67 pixels per degree.
-* LPIPS (:mod:`~autonerf_lab.evaluators.lpips`) needs weights that are not shipped: null without, ``weights_missing``.
+* FLIP (Andersson et al. 2020) = mean over pixels of E_c**(1 - E_f), with the difference of the colours E_c, filtered
+  by a model of the eye, and the difference of edges and points E_f, at 67 pixels per degree.
+* LPIPS (:mod:`~autonerf_lab.evaluators.lpips`) needs weights that are not shipped. Without them it has no value and the
+  status ``weights_missing``.
 * Per-class accuracy = mean over classes of hits / target pixels; mIoU = mean over classes of hits / (target +
-  predicted - hits). Classes are those present in the target images, background included (``miou_objects``: without it).
-* ``depth_median_error_m``: median over all pixels of |rendered - true| depth along the axis.
+  predicted - hits). The classes are those in the target images, with the background (``miou_objects``: without).
+* ``depth_median_error_m``: median over all pixels of ``|rendered - true|`` depth along the optical axis.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import flip_evaluator
@@ -27,21 +29,24 @@ from skimage.metrics import structural_similarity
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.evaluators.lpips import MIN_SIDE, Lpips
-from autonerf_lab.evaluators.radiance_field import Field
-from autonerf_lab.evaluators.task_result import TaskResult
-from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.evaluators.metrics import metrics_of
+from autonerf_lab.evaluators.radiance_field import RadianceField
+from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
+from autonerf_lab.geometry import Intrinsics, planar_from_pose
 
 if TYPE_CHECKING:
+    from autonerf_lab.config import Preset
+    from autonerf_lab.evaluators.context import EvaluationContext
     from autonerf_lab.simulator import Simulator
 
 _ROUNDING_MSE = (0.5 / 255) ** 2 / 3
-_PIXELS_PER_DEGREE = 67.020645  # FLIP's default viewer: 0.7 m from a 0.7 m wide, 3840 pixel monitor
-_KEPT_IMAGES = 12
+_PIXELS_PER_DEGREE = 67.020645  # default of FLIP: 0.7 m from a monitor that is 0.7 m and 3840 pixels wide
+_STORED_IMAGES = 12  # for the figures
 
 
 @dataclass(frozen=True)
-class View:
-    """What a camera should show."""
+class TargetView:
+    """Test view: a pose and its target image."""
 
     c2w: np.ndarray  # (4, 4) camera-to-world
     intrinsics: Intrinsics
@@ -50,28 +55,31 @@ class View:
     semantics: np.ndarray | None  # (H, W) uint8, class index
 
 
-def simulated_views(sim: "Simulator", poses: np.ndarray) -> Iterator[View]:
-    """The simulator's images from (N, 4, 4) poses, one at a time."""
+def simulated_views(sim: "Simulator", poses: np.ndarray) -> Iterator[TargetView]:
+    """Yield the simulator's images from (N, 4, 4) poses."""
     for c2w in poses:
         frame = sim.render(c2w)
-        yield View(c2w, sim.intrinsics, frame.rgb, frame.depth, frame.semantics)
+        yield TargetView(c2w, sim.intrinsics, frame.rgb, frame.depth, frame.semantics)
 
 
-def photographed_views(data: Dataset) -> Iterator[View]:
-    """The photographs, through their own cameras."""
+def photographed_views(data: Dataset) -> Iterator[TargetView]:
+    """Yield the photographs of a dataset, each with its own camera."""
     for t, c2w in enumerate(data.poses):
         depth, semantics = (None if layer is None else layer[t] for layer in (data.depths, data.semantics))
-        yield View(c2w, data.cameras[t], data.images[t], depth, semantics)
+        yield TargetView(c2w, data.intrinsics[t], data.images[t], depth, semantics)
 
 
 def sample_test_poses(sim: "Simulator", count: int, seed: int = 0) -> np.ndarray:
-    """(count, 4, 4) camera-to-world, uniform over floor and heading; the first n are the same for any count."""
+    """Sample (count, 4, 4) camera-to-world poses, uniform over floor and heading.
+
+    The first n poses are the same for every count.
+    """
     rng = np.random.default_rng([seed, 1])
     return np.stack([sim.sample_pose(rng) for _ in range(count)])
 
 
 def psnr(image: np.ndarray, target: np.ndarray) -> float:
-    """Peak signal-to-noise ratio in dB of (H, W, 3) images in [0, 1].
+    """Compute the peak signal-to-noise ratio of (H, W, 3) images in [0, 1], dB.
 
     Example:
         >>> round(psnr(np.full((2, 2, 3), 0.6), np.full((2, 2, 3), 0.5)), 6)
@@ -84,7 +92,7 @@ def psnr(image: np.ndarray, target: np.ndarray) -> float:
 
 
 def ssim(image: np.ndarray, target: np.ndarray) -> float:
-    """Structural similarity of (H, W, 3) images in [0, 1], at least 11 pixels a side."""
+    """Compute the structural similarity of (H, W, 3) images in [0, 1] with sides of at least 11 pixels."""
     return float(
         structural_similarity(
             np.asarray(image, np.float32),
@@ -99,8 +107,8 @@ def ssim(image: np.ndarray, target: np.ndarray) -> float:
 
 
 def flip(image: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean FLIP error and (H, W) error map of (H, W, 3) sRGB images in [0, 1] (Andersson et al., 2020)."""
-    # The parameters are passed anew each time: the library writes into its own default dictionary
+    """Compute the mean FLIP error and the (H, W) error map of (H, W, 3) sRGB images in [0, 1]."""
+    # Pass a new dictionary each time: the library writes into its default dictionary.
     error, mean, _ = flip_evaluator.evaluate(
         np.ascontiguousarray(target, np.float32),
         np.ascontiguousarray(np.clip(image, 0, 1), np.float32),
@@ -112,7 +120,7 @@ def flip(image: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def confusion_matrix(predicted: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """(16, 16) int64 pixel counts, row = true class, column = predicted class.
+    """Count the pixels of each pair of classes: (16, 16) int64, row = true class, column = predicted class.
 
     Example:
         >>> confusion_matrix(np.array([1, 1]), np.array([1, 0]))[:2, :2]
@@ -124,7 +132,10 @@ def confusion_matrix(predicted: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def class_scores(confusion: np.ndarray) -> dict[str, float | None]:
-    """Per-class accuracy and mean IoU in percent, over the classes that the targets hold.
+    """Compute per-class accuracy and mean IoU, percent, over the classes in the targets.
+
+    Args:
+        confusion: (16, 16) pixel counts of :func:`confusion_matrix`.
 
     Example:
         >>> c = np.zeros((16, 16), int); c[0, 0] = 6; c[0, 1] = 2; c[1, 1] = 2
@@ -145,26 +156,29 @@ def class_scores(confusion: np.ndarray) -> dict[str, float | None]:
 
 
 def evaluate_rendering(
-    field: Field, views: Iterable[View], tick: Callable[[], None] = lambda: None, lpips: Lpips | None = None
+    field: RadianceField,
+    views: Iterable[TargetView],
+    tick: Callable[[], None] = lambda: None,
+    lpips: Lpips | None = None,
 ) -> TaskResult:
-    """Score what a field shows from each of some cameras against what it should show.
+    """Render test views and compare them with their targets.
 
     Args:
         field: only ``render`` is used.
-        views: the targets, see :func:`simulated_views` and :func:`photographed_views`.
+        views: targets, see :func:`simulated_views` and :func:`photographed_views`.
         tick: called after each image.
-        lpips: with its weights.
+        lpips: LPIPS with its weights; without, LPIPS has no value.
 
     Returns:
-        Means over the views; those of each view are in the artifact (``psnr``, ``ssim``, ``flip``, and ``lpips`` with
-        its weights; NaN: none).
+        Means over the views. The artifact holds the values of each view: ``psnr``, ``ssim``, ``flip``, and ``lpips``
+        if it is computed (NaN: no value).
     """
     values: dict[str, list[float]] = {"psnr": [], "ssim": [], "flip": []}
     if lpips:
         values["lpips"] = []
     confusion = np.zeros((NUM_CLASSES, NUM_CLASSES), dtype=np.int64)
     depth_errors: list[np.ndarray] = [np.zeros(0, np.float32)]
-    kept: list[dict[str, np.ndarray | None]] = []
+    stored: list[dict[str, np.ndarray | None]] = []
     poses = []
     for target in views:
         image = field.render(target.c2w, target.intrinsics)
@@ -180,8 +194,8 @@ def evaluate_rendering(
             confusion += confusion_matrix(image.semantics, target.semantics)
         if target.depth is not None:
             depth_errors.append(np.abs(image.depth - target.depth)[target.depth > 0].astype(np.float32))
-        if len(kept) < _KEPT_IMAGES:
-            kept.append(
+        if len(stored) < _STORED_IMAGES:
+            stored.append(
                 {
                     "c2w": target.c2w,
                     "true_rgb": target.rgb,
@@ -214,5 +228,55 @@ def evaluate_rendering(
     if scores["depth_median_error_m"] is None:
         status["depth_median_error_m"] = "no surface in the test images"
     n = dict.fromkeys(scores, len(poses))
-    artifact = {"images": kept, "confusion": confusion, "poses": np.stack(poses), **per_view}
+    artifact = {"images": stored, "confusion": confusion, "poses": np.stack(poses), **per_view}
     return TaskResult(scores, n, status, artifact)
+
+
+class RenderingTask(Task):
+    """Task 1: rendering from test poses."""
+
+    name, metrics, title = "rendering", metrics_of("rendering"), "Rendering"
+    text = (
+        "The field is rendered from test poses that are spread uniformly over the floor and are not part of the "
+        "trajectory. Colours, classes and depth are compared with the images of the simulator."
+    )
+    figures = (
+        TaskFigure(
+            "comparison",
+            "render_comparison",
+            title="Ground truth and rendering",
+            caption="One row per test pose, from the highest to the lowest PSNR. FLIP estimates the difference that a "
+            "viewer perceives: 0 is no difference, 1 the largest.",
+            alt="Grid of images, one row per test pose: true and rendered colours, FLIP error map, true and rendered "
+            "classes",
+        ),
+        TaskFigure(
+            "confusion",
+            "confusion",
+            title="Confusion matrix of the classes",
+            caption="Each row shows how the pixels of one true class are distributed over the rendered classes, in "
+            "percent.",
+            alt="Confusion matrix of true and rendered classes",
+        ),
+        TaskFigure(
+            "depth",
+            "depth_errors",
+            title="Depth error",
+            caption="One row per test pose, from the smallest to the largest median error. In the right column, red "
+            "means that the rendered surface is too near and blue that it is too far. The colour scale ends at 50 cm.",
+            alt="Grid of images, one row per test pose: colour, true depth, rendered depth, and their signed "
+            "difference in centimetres",
+        ),
+    )
+
+    def run(self, context: "EvaluationContext") -> TaskResult:
+        """Render the test poses and compare the images with those of the simulator."""
+        poses = sample_test_poses(context.sim, context.preset.test_poses, context.seed)
+        views = simulated_views(context.sim, poses)
+        result = evaluate_rendering(context.field, views, context.tick, context.lpips)
+        # The first of these poses are also those of pose refinement.
+        return replace(result, details={"test_poses_x_y_heading": [planar_from_pose(c2w) for c2w in poses]})
+
+    def ticks(self, preset: "Preset") -> int:
+        """One tick per test pose."""
+        return preset.test_poses

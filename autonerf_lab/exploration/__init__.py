@@ -1,4 +1,4 @@
-"""Rollouts of a policy in a scene, and their replay."""
+"""Rollouts of a policy in a scene, and replay of their maps."""
 
 from autonerf_lab.exploration.rollout import MAP_SIZE, explore
 

@@ -1,4 +1,4 @@
-"""The top-down semantic map."""
+"""Top-down semantic map."""
 
 from autonerf_lab.mapping.semantic_map import Mapper, empty_map, update
 

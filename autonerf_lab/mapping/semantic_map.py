@@ -1,15 +1,14 @@
-"""The top-down semantic map of section 3.1, built from depth, class images and odometry.
+"""Top-down semantic map of section 3.1, built from depth, class images and odometry.
 
-* A depth between 0.5 and 5 m is a measurement; anything else is ignored.
-* occupied, semantics: the cell of every measured point between 25 cm and 1 cm over the camera.
-* explored: what has been within the field of view. That is the cell of every measured point, at any height, and the
-  ground the camera looks across on the way: the cells under a ray, up to the surface it meets, as long as the ray is
-  not above the camera. (Points alone would leave stripes: at 5 m two rows of pixels meet the floor half a metre apart.)
-* visited: the cells that the robot's body has covered; they are explored too.
-* viewpoints: for every cell seen in this image, whether an obstacle or not, the direction from the cell to the camera,
-  in 12 bins counter-clockwise from world +x.
+* Depths from 0.5 to 5 m are used; other depths are ignored.
+* occupied, semantics: cells of points between 25 cm above the floor and 1 cm above the camera.
+* explored: cells of points at any height, and cells under the rays that do not rise above the camera, up to their first
+  surface. (Points alone would leave stripes: at 5 m, neighbouring pixel rows hit the floor half a metre apart.)
+* visited: cells that the robot's body has covered; they are explored too.
+* viewpoints: for every cell seen in an image, the direction from the cell to the camera, in 12 bins counter-clockwise
+  from world +x.
 
-Every channel only ever grows, so a reward that counts new cells is never negative.
+Cells are never cleared, so a reward that counts new cells is never negative.
 """
 
 from dataclasses import replace
@@ -24,19 +23,19 @@ from autonerf_lab.types import MapState, Observation
 MAP_SIZE = 480  # cells
 MAP_CELL = 0.05  # metres
 NEAR, FAR = 0.5, 5.0  # metres, range of the depth sensor
-OBSTACLE_MIN = 0.25  # metres over the floor
-OBSTACLE_OVER_CAMERA = 0.01  # metres
+OBSTACLE_MIN = 0.25  # metres above the floor
+OBSTACLE_OVER_CAMERA = 0.01  # metres above the camera
 VIEWPOINT_BINS = 12
 _CHANNELS = ("occupied", "explored", "visited", "semantics", "viewpoints")
 
 
 def empty_map(pose: np.ndarray, size: int = MAP_SIZE, cell: float = MAP_CELL) -> MapState:
-    """A map that knows nothing, centred on the start.
+    """Make an empty map, centred on the start pose.
 
     Args:
         pose: (4, 4) camera-to-world at the start.
         size: M, cells a side.
-        cell: metres a cell.
+        cell: side of a cell, metres.
 
     Example:
         >>> from autonerf_lab.geometry import planar_pose
@@ -53,21 +52,21 @@ def empty_map(pose: np.ndarray, size: int = MAP_SIZE, cell: float = MAP_CELL) ->
 
 
 def update(map: MapState, observation: Observation, intrinsics: Intrinsics) -> MapState:
-    """The map after one more observation. The old map is left as it was.
+    """Return the map with one more observation; the given map is unchanged.
 
     Args:
-        map: what was known.
-        observation: of a level camera (its rows are horizontal): the robot's.
-        intrinsics: the camera that made it.
+        map: previous map.
+        observation: observation of a level camera (horizontal image rows).
+        intrinsics: intrinsics of this camera.
 
     Raises:
-        ValueError: the camera is tilted, or the images are not of its size.
+        ValueError: the camera is tilted, or the images have another size than the camera.
 
     Example:
         >>> from autonerf_lab.geometry import planar_pose
         >>> depth, labels = np.full((9, 9), 2.01, np.float32), np.zeros((9, 9), np.uint8)
-        >>> seen = Observation(np.zeros((9, 9, 3), np.uint8), depth, labels, planar_pose(0, 0, 0))
-        >>> after = update(empty_map(seen.pose), seen, Intrinsics.from_fov(9, 9))
+        >>> observation = Observation(np.zeros((9, 9, 3), np.uint8), depth, labels, planar_pose(0, 0, 0))
+        >>> after = update(empty_map(observation.pose), observation, Intrinsics.from_fov(9, 9))
         >>> bool(after.occupied[240, 280]), bool(after.explored[240, 250]), bool(after.explored[240, 230])
         (True, True, False)
     """
@@ -86,20 +85,20 @@ def update(map: MapState, observation: Observation, intrinsics: Intrinsics) -> M
 
 
 class Mapper:
-    """The same map, made in place: for training, which forgets the last map but one.
+    """Mapper that updates in place, faster than :func:`update`, for training.
 
-    Two copies take turns; the one that is a step behind gets the part of the map that the last step touched.
+    Two buffers alternate. Before an update, the older buffer gets the part of the map that the last update changed.
 
     Args:
-        start: the map that the first observation is added to. It is left as it was.
-        intrinsics: the camera.
+        start: map to which the first observation is added; it is not modified.
+        intrinsics: intrinsics of the camera.
 
     Example:
         >>> from autonerf_lab.geometry import planar_pose
         >>> depth, labels = np.full((9, 9), 2.01, np.float32), np.zeros((9, 9), np.uint8)
-        >>> seen = Observation(np.zeros((9, 9, 3), np.uint8), depth, labels, planar_pose(0, 0, 0))
-        >>> mapper = Mapper(empty_map(seen.pose), Intrinsics.from_fov(9, 9))
-        >>> before, after = mapper.add(seen)
+        >>> observation = Observation(np.zeros((9, 9, 3), np.uint8), depth, labels, planar_pose(0, 0, 0))
+        >>> mapper = Mapper(empty_map(observation.pose), Intrinsics.from_fov(9, 9))
+        >>> before, after = mapper.add(observation)
         >>> bool(before.explored.any()), bool(after.explored.any())
         (False, True)
     """
@@ -111,7 +110,7 @@ class Mapper:
         self.map = self._buffers[0]
 
     def add(self, observation: Observation) -> tuple[MapState, MapState]:
-        """The map before and after one more observation; both are overwritten by later calls."""
+        """Return the map before and after one more observation. Buffers are reused after two calls; copy to keep."""
         before, stale = self._buffers
         if self._touched is not None:
             for name in _CHANNELS:
@@ -128,12 +127,12 @@ def _copied(map: MapState) -> MapState:
 
 
 def _write(map: MapState, observation: Observation, intrinsics: Intrinsics) -> tuple[slice, slice]:
-    """Add an observation to the arrays of a map that has its pose; the rows and columns that may have changed."""
+    """Add an observation to the arrays of a map with its pose; return the rows and columns that may have changed."""
     shape = (intrinsics.height, intrinsics.width)
     if observation.depth.shape != shape or observation.semantics.shape != shape:
-        raise ValueError(f"images of {observation.depth.shape} pixels do not belong to a camera of {shape}")
+        raise ValueError(f"images of {observation.depth.shape} pixels do not match the intrinsics of {shape} pixels")
     if abs(map.pose[2, 1] - 1) > 1e-6:
-        raise ValueError("the map needs a level camera")
+        raise ValueError("the map requires a level camera: the y axis of the pose must point up")
     camera = np.array([intrinsics.fl_x, intrinsics.fl_y, intrinsics.cx, intrinsics.cy])
     box = _box(map, intrinsics)
     _update(
@@ -154,7 +153,7 @@ def _write(map: MapState, observation: Observation, intrinsics: Intrinsics) -> t
 
 
 def _box(map: MapState, intrinsics: Intrinsics) -> np.ndarray:
-    """Rows and columns within the depth sensor's reach: the robot's own disc and the triangle it sees."""
+    """Return the rows and columns of the robot's disc and its field of view up to the sensor range."""
     x, y = map.pose[:2, 3]
     ahead, right = -map.pose[:2, 2], map.pose[:2, 0]
     edges = [FAR * (u - intrinsics.cx) / intrinsics.fl_x for u in (0.0, intrinsics.width)]
@@ -189,7 +188,7 @@ def _update(
     ahead_x, ahead_y = -pose[0, 2], -pose[1, 2]
     right_x, right_y = pose[0, 0], pose[1, 0]
     seen = np.zeros((size, size), np.bool_)
-    reach = np.zeros(width)  # depth up to which the rays of an image column look across free ground
+    reach = np.zeros(width)  # per image column: largest depth of a ray that does not rise
     for v in range(height):
         up = -(v + 0.5 - cy) / fl_y
         for u in range(width):
@@ -223,7 +222,7 @@ def _update(
                 forward = dx * ahead_x + dy * ahead_y
                 if forward <= 0 or forward > FAR:
                     continue
-                # Between the rays of two neighbouring columns the nearer surface decides.
+                # Use the smaller reach of the two neighbouring image columns.
                 u = fl_x * (dx * right_x + dy * right_y) / forward + cx - 0.5
                 left = int(np.floor(u))
                 if left < 0 or left + 1 >= width or forward > min(reach[left], reach[left + 1]):

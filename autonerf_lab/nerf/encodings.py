@@ -1,7 +1,7 @@
-"""Encodings of positions and directions: the readable torch reference, differentiable in everything.
+"""Encodings of positions and directions in torch, differentiable: the readable reference.
 
-The CPU trains with :mod:`autonerf_lab.nerf.kernels.hash_encoding`, which tests hold against the functions here; CUDA
-trains with these functions themselves.
+CUDA trains with these functions. The CPU trains with :mod:`autonerf_lab.nerf.kernels.hash_encoding`, which tests
+compare with them.
 """
 
 from dataclasses import dataclass
@@ -17,19 +17,19 @@ PRIMES = (1, 2654435761, 805459861)  # Müller et al. 2022, equation 4
 
 @dataclass(frozen=True)
 class HashGrid:
-    """Layout of a multi-resolution table: L levels of 2 features, one after the other in one array."""
+    """Layout of a multi-resolution table: L levels with 2 features per entry, concatenated in one array."""
 
     resolutions: np.ndarray  # (L, 3) int64, cells along each axis
     offsets: np.ndarray  # (L,) int64, first entry of each level
-    masks: np.ndarray  # (L,) int64, table size - 1 where hashed, 0 where the level fits as it is
-    entries: int
+    masks: np.ndarray  # (L,) int64, table size - 1 where the level is hashed, 0 where it is dense
+    entries: int  # of all levels
 
     @classmethod
     def build(cls, size: np.ndarray, coarse: float, fine: float, levels: int, log2_entries: int) -> "HashGrid":
-        """Cubic cells, from ``coarse`` to ``fine`` metres in equal ratios.
+        """Return a grid of cubic cells, whose side goes from ``coarse`` to ``fine`` metres in equal ratios.
 
         Args:
-            size: (3,) metres that the unit cube stands for.
+            size: (3,) size of the unit cube, metres.
             coarse: side of the largest cells, metres.
             fine: side of the smallest cells, metres.
             levels: number of levels.
@@ -50,7 +50,7 @@ class HashGrid:
 
 
 def hash_encode(x: torch.Tensor, table: torch.Tensor, grid: HashGrid) -> torch.Tensor:
-    """Trilinear interpolation in every level of the table.
+    """Encode points by trilinear interpolation in every level of a table.
 
     Args:
         x: (N, 3) in [0, 1].
@@ -87,7 +87,7 @@ def hash_encode(x: torch.Tensor, table: torch.Tensor, grid: HashGrid) -> torch.T
 
 
 def spherical_harmonics(directions: Values) -> Values:
-    """Real spherical harmonics up to degree 3, the 16 values that the paper's sh(phi) holds.
+    """Return the real spherical harmonics up to degree 3, the 16 values of the paper's sh(phi).
 
     Args:
         directions: (N, 3), unit; an array or a tensor.
@@ -123,7 +123,9 @@ def spherical_harmonics(directions: Values) -> Values:
 
 
 def frequencies(x: torch.Tensor, count: int) -> torch.Tensor:
-    """The value itself, then sine and cosine of it times pi, 2 pi, 4 pi ... (Mildenhall et al. 2020, equation 4).
+    """Encode values by frequencies (Mildenhall et al. 2020, equation 4).
+
+    The result holds the value itself, then the sines and cosines of its products with pi, 2 pi, 4 pi, and so on.
 
     Args:
         x: (..., D).

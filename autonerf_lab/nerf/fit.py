@@ -1,4 +1,4 @@
-"""Training: a walk or photographs go in, a field comes out (section 4.2: RGB, semantics and poses, no depth)."""
+"""Training of a field on a trajectory or on photographs (section 4.2: RGB, semantics and poses, no depth)."""
 
 import hashlib
 import time
@@ -18,25 +18,26 @@ from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, TrainingError
 from autonerf_lab.nerf.checkpoint import TrainingState
 from autonerf_lab.nerf.frame import SPREAD, FieldFrame, inliers
-from autonerf_lab.nerf.model import Model, ModelSpec
+from autonerf_lab.nerf.model import Model, ModelSpec, check_device
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
-from autonerf_lab.nerf.pixel_sampler import Pixels
+from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.radiance_field import NeRF
 from autonerf_lab.nerf.ray_batch import Array
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
+from autonerf_lab.nerf.tensorboard import TensorBoardLog
 from autonerf_lab.nerf.visibility import VOXEL, Visibility, carve
 
-SEEN_REACH = 8.0  # how far photographs see, in the field's units
-FAR_AWAY = 1000.0  # where their rays end
+SEEN_REACH = 8.0  # largest distance that counts as seen in photographs, units of the field
+FAR_AWAY = 1000.0  # end of the rays of photographs, units of the field
 
 
 def learning_rate(share: float, settings: Settings) -> float:
-    """Linear warm-up, then exponential decay from the first to the final rate.
+    """Return the scheduled learning rate: linear warm-up, then exponential decay from the first to the final rate.
 
     Args:
-        share: of the training that is done, 0 to 1.
+        share: completed share of the training, 0 to 1.
         settings: holds the rates.
     """
     warmup = min(share / settings.warmup, 1.0) if settings.warmup else 1.0
@@ -56,38 +57,45 @@ def fit(
     checkpoint: str | Path | None = None,
     progress: bool = True,
     callback: Callable[[int, Model], None] | None = None,
+    log_dir: str | Path | None = None,
 ) -> NeRF:
-    """Train a field on a walk or on photographs.
+    """Train a field on a trajectory or on photographs.
 
     Args:
-        data: RGB, poses and, where there are any, semantics; depth is looked at only where settings say so.
-        model: a name (see :mod:`autonerf_lab.nerf.models`), or a :class:`~autonerf_lab.nerf.model.ModelSpec` of
-            your own.
-        preset: decides the hyper-parameters and the number of steps.
-        seed: of everything random; same seed, same bits.
-        steps: instead of the preset's.
-        seconds: train for this long instead (for benchmarks and live lessons; not reproducible to the bit).
+        data: RGB images, poses and optionally semantics; depth is used only if ``depth_weight`` is set.
+        model: a name (see :mod:`autonerf_lab.nerf.models`), or a custom
+            :class:`~autonerf_lab.nerf.model.ModelSpec`.
+        preset: selects the hyper-parameters and the number of steps.
+        seed: random seed; the same seed gives the same bits.
+        steps: number of steps instead of the preset's.
+        seconds: duration of the training instead of a number of steps (for benchmarks and live lessons; not
+            reproducible to the bit).
         settings: hyper-parameters instead of the preset's.
-        device: None for the fastest way on this machine's cores, or a torch device ("cuda").
-        checkpoint: folder that keeps the state of the training, to go on from after an interruption.
-        progress: show a bar with the running PSNR.
-        callback: called with the number of steps done and the model, after each step.
+        device: None for the fastest implementation on the CPU, or a torch device ("cuda").
+        checkpoint: folder that stores the state of the training, from which an interrupted training continues.
+        progress: show a progress bar with the running PSNR.
+        callback: called with the number of completed steps and the model after each step; ``model.losses`` has the
+            losses of the step.
+        log_dir: folder for a TensorBoard log of the losses; needs the extra ``training``.
 
     Raises:
-        UnknownNameError: no such model or preset.
+        UnknownNameError: the model or preset does not exist.
         WrongTypeError: ``model`` is neither a name nor a ModelSpec.
-        DataError: nothing to learn from.
+        DataError: the data cannot be learned from.
+        DeviceError: the device does not exist on this machine.
+        MissingPackageError: ``log_dir`` without TensorBoard.
         TrainingError: a loss is not finite, or memory is short.
     """
+    check_device(device)
     spec = model_spec(model)
     chosen = config.preset(preset)
     settings = settings or spec.settings_for(chosen.name)
     settings = replace(settings, steps=steps) if steps is not None else settings
-    data = Dataset.of(data) if isinstance(data, Trajectory) else data
+    data = Dataset.from_trajectory(data) if isinstance(data, Trajectory) else data
     settings = _for_data(settings, data)
-    frame = FieldFrame.of(data)
+    frame = FieldFrame.from_dataset(data)
     rng = np.random.default_rng(seed)
-    positions = frame.enter(data.poses[:, :3, 3])
+    positions = frame.to_field(data.poses[:, :3, 3])
     around = positions if data.metric else positions[inliers(positions)]
     box = SceneBox.around(around, settings.margin, settings.shell)
     classes = 0 if data.semantics is None else NUM_CLASSES
@@ -96,9 +104,15 @@ def fit(
         state = TrainingState(built, Adam(built.parameters), rng)
         if checkpoint is not None:
             state.resume(checkpoint, {"seed": seed, "model": spec.name, "views": _fingerprint(data)})
-        pixels = Pixels(data if settings.depth_weight else replace(data, depths=None), frame)
-        _train(state, pixels, seconds, checkpoint, progress, callback)
-        poses = data.poses if built.cameras is None else built.cameras.poses(data.poses, frame.unit)
+        pixels = PixelSampler(data if settings.depth_weight else replace(data, depths=None), frame)
+        log = None if log_dir is None else TensorBoardLog(log_dir, state.step)
+        callbacks = [call for call in (callback, log) if call is not None]
+        try:
+            _train(state, pixels, seconds, checkpoint, progress, callbacks)
+        finally:
+            if log is not None:
+                log.close()
+        poses = data.poses if built.pose_offsets is None else built.pose_offsets.corrected(data.poses, frame.unit)
         visibility = _visibility(built, pixels, data.metric, seed)
     except (MemoryError, torch.OutOfMemoryError) as error:
         raise TrainingError(
@@ -108,31 +122,31 @@ def fit(
     meta: dict[str, Any] = {key: data.meta.get(key) for key in ("scene", "scene_sha256", "policy", "start")}
     meta |= {"model": spec.name, "preset": chosen.name, "seed": seed, "steps": state.step}
     meta |= {"train_psnr": state.psnr, "seconds": state.seconds}
-    return NeRF(built, poses, data.cameras[0], visibility, meta, frame, classes)
+    return NeRF(built, poses, data.intrinsics[0], visibility, meta, frame, classes)
 
 
 def _for_data(settings: Settings, data: Dataset) -> Settings:
-    """Settings that fit the data.
+    """Check the data, and return the settings adapted to them.
 
     Raises:
-        DataError: there is nothing to learn from.
+        DataError: the data cannot be learned from.
     """
     if len(data) < 2 or not np.ptp(data.poses, axis=0).any():
         raise DataError("cannot learn a scene from one view: at least two different poses are needed")
     data.check()
     if data.semantics is not None and (most := max(int(layer.max()) for layer in data.semantics)) >= NUM_CLASSES:
-        raise DataError(f"the semantics hold the class {most}; classes are 0 to {NUM_CLASSES - 1}")
+        raise DataError(f"the semantics contain the class {most}; classes are 0 to {NUM_CLASSES - 1}")
     if settings.depth_weight and data.depths is None:
-        raise DataError("depth_weight is set, but the data has no depth; set it to 0, or keep depth on the walk")
+        raise DataError("depth_weight is set, but the data has no depth; set it to 0, or use data with depth")
     if data.metric:
         return settings
     return replace(settings, far=FAR_AWAY, turn=min(settings.turn, SPREAD * 2), shell=1.0)
 
 
 def _fingerprint(data: Dataset) -> str:
-    """Tells one set of views from another."""
+    """Return a hash of the poses, intrinsics and images."""
     digest = hashlib.sha256(data.poses.tobytes())
-    digest.update(repr(data.cameras).encode())
+    digest.update(repr(data.intrinsics).encode())
     for image in data.images:
         digest.update(image.tobytes())
     return digest.hexdigest()
@@ -140,12 +154,13 @@ def _fingerprint(data: Dataset) -> str:
 
 def _train(
     state: TrainingState,
-    pixels: Pixels,
+    pixels: PixelSampler,
     seconds: float | None,
     checkpoint: str | Path | None,
     progress: bool,
-    callback: Callable[[int, Model], None] | None,
+    callbacks: list[Callable[[int, Model], None]],
 ) -> None:
+    """Train until the number of steps, or the number of seconds, is reached."""
     settings = state.model.settings
     started = time.perf_counter() - state.seconds
     with tqdm(total=settings.steps, initial=state.step, disable=not progress, desc="fit", unit="step") as bar:
@@ -159,29 +174,29 @@ def _train(
             if state.step % 20 == 0:
                 bar.set_postfix_str(f"PSNR {state.psnr:.1f} dB")
             if checkpoint is not None:
-                state.save_now_and_then(checkpoint)
-            if callback is not None:
+                state.save_periodically(checkpoint)
+            for callback in callbacks:
                 callback(state.step, state.model)
 
 
-def train_step(state: TrainingState, pixels: Pixels, rate: float) -> None:
-    """Learn from one batch; a loss that is not finite stops everything before it reaches the parameters.
+def train_step(state: TrainingState, pixels: PixelSampler, rate: float) -> None:
+    """Update the model by one batch of pixels, at a learning rate.
 
     Raises:
-        TrainingError: names what is not finite.
+        TrainingError: a loss or gradient is not finite; the parameters are unchanged.
     """
     model = state.model
-    chosen = pixels.draw(model.settings.rays, state.rng, model.settings.rays_by_class)
+    chosen = pixels.sample(model.settings.rays, state.rng, model.settings.rays_by_class)
     gradients, losses = model.train_step(pixels.rays(chosen), pixels.targets(chosen), state.rng)
     broken = [name for name, value in losses.items() if not np.isfinite(value)]
-    # whatever breaks in a table passes through the networks: looking at these is enough, and cheap
+    # Errors in a table reach the networks, too; checking only the networks is fast.
     broken += [name for name, value in gradients.items() if not name.endswith("table") and not _finite(value)]
     if broken:
         raise TrainingError(
-            f"{', '.join(broken)} not finite at step {state.step}: training stopped, the last checkpoint is intact; "
+            f"{', '.join(broken)} not finite at step {state.step}: training stopped, the last checkpoint is valid; "
             "check the images and poses, or lower learning_rate"
         )
-    state.optimizer.step(gradients, {name: rate * model.rate(name) for name in gradients})
+    state.optimizer.step(gradients, {name: rate * model.rate_factor(name) for name in gradients})
     state.losses = losses
     decibel = float(-10 * np.log10(max(losses["mse"], 1e-10)))
     state.psnr = decibel if state.step == 0 else 0.98 * state.psnr + 0.02 * decibel
@@ -192,12 +207,12 @@ def _finite(value: Array) -> bool:
     return bool(torch.isfinite(value).all()) if isinstance(value, torch.Tensor) else bool(np.isfinite(value).all())
 
 
-def _visibility(model: Model, pixels: Pixels, metric: bool, seed: int) -> Visibility:
-    """Carve what the cameras saw, by the depth that the field itself renders for a sample of the training rays."""
-    rays = pixels.rays(pixels.draw(min(model.settings.seen_rays, len(pixels)), np.random.default_rng(seed)))
+def _visibility(model: Model, pixels: PixelSampler, metric: bool, seed: int) -> Visibility:
+    """Carve the seen space by the depth that the field renders for a sample of the training rays."""
+    rays = pixels.rays(pixels.sample(min(model.settings.seen_rays, len(pixels)), np.random.default_rng(seed)))
     _, _, depth, _ = model.render_rays(rays.origins, rays.directions)
     if metric:
         return carve(rays.origins, rays.directions, depth)
-    # the background of photographs has no end and a lost camera no place, a grid has
+    # The background of photographs is unlimited, and outlier poses lie anywhere; the grid must stay small.
     near = (np.abs(rays.origins - model.box.center) <= model.box.half).all(axis=1)
     return carve(rays.origins[near], rays.directions[near], np.minimum(depth[near], SEEN_REACH), voxel=2 * VOXEL)

@@ -1,12 +1,12 @@
-"""What a model is: a field, which knows what is at a point, and a sampler, which knows where on a ray to ask it.
+"""Models: a field, which predicts density, colour and class at points, and a sampler, which places points on rays.
 
 ::
 
     rays -> sampler.sample -> Samples -> field.train -> weights, losses, gradients -> sampler.learn
 
-What passes between the two is numpy, so that any field works with any sampler: fused numba kernels
-(:mod:`.fields.hash_field`) beside torch on any device (:mod:`.fields.torch_field`). A model of your own is a field, or
-a sampler, or only another pairing of those on the shelf, and a :class:`ModelSpec` that builds it; see
+Field and sampler exchange numpy arrays, so that any field works with any sampler: fused numba kernels
+(:mod:`.fields.hash_field`) or torch on any device (:mod:`.fields.torch_field`). A model of your own is a field, a
+sampler, or a new combination of existing ones, and a :class:`ModelSpec` that builds it; see
 :mod:`autonerf_lab.nerf.models`.
 """
 
@@ -17,53 +17,69 @@ from typing import Protocol
 import numpy as np
 import torch
 
-from autonerf_lab.errors import UnknownNameError
-from autonerf_lab.nerf.kernels.tiling import BLOCK_RAYS
-from autonerf_lab.nerf.pose_offsets import Cameras
-from autonerf_lab.nerf.ray_batch import Arrays, Learned, Rays, Rendered, Samples, Targets
+from autonerf_lab.errors import DeviceError, UnknownNameError
+from autonerf_lab.nerf.pose_offsets import PoseOffsets
+from autonerf_lab.nerf.ray_batch import Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 
-PIECE = 4096  # rays that are rendered at once
-GRADIENT_PIECE = 1 << 15  # rays whose gradients are found at once: many cameras have few rays each, and share a piece
+RENDER_CHUNK = 4096  # rays rendered at once
+GRADIENT_CHUNK = 1 << 15  # rays whose gradients are computed at once
 
 
 class Field(Protocol):
-    """Density, colour and class at points. ``parameters`` are updated in place by the optimiser."""
+    """Density, colour and class logits at points. The optimiser updates ``parameters`` in place."""
 
     parameters: Arrays
 
     def train(
-        self, rays: Rays, samples: Samples, targets: Targets, rng: np.random.Generator, rays_too: bool
-    ) -> Learned:
-        """Losses and gradients of a batch; ``rays_too``: those of origins and directions as well."""
+        self, rays: Rays, samples: Samples, targets: Targets, rng: np.random.Generator, ray_gradients: bool
+    ) -> TrainOutput:
+        """Return losses and gradients of a batch of rays.
 
-    def render(self, rays: Rays, samples: Samples) -> Rendered:
-        """What rays show."""
+        Args:
+            rays: any number of rays.
+            samples: bins on them.
+            targets: ground truth of the rays.
+            rng: for random backgrounds.
+            ray_gradients: compute the gradients of origins and directions, too.
+        """
+
+    def render(self, rays: Rays, samples: Samples) -> RenderOutput:
+        """Render rays."""
 
     def density(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N,) float32, sigma per metre."""
+        """Return (N,) float32 densities per metre at (N, 3) points."""
 
     def color(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """(N, 3) world points, (N, 3) unit viewing directions -> (N, 3) float32 in [0, 1]."""
+        """Return (N, 3) float32 colours in [0, 1] at (N, 3) points for (N, 3) unit viewing directions."""
 
     def logits(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N, C) float32."""
+        """Return (N, C) float32 class logits at (N, 3) points."""
 
     def ray_gradients(
         self, rays: Rays, samples: Samples, target: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(R, 3) colours -> squared error (R,), mean over the channels, and its gradients for origins, directions."""
+        """Return the squared colour error of rays and its gradients.
+
+        Args:
+            rays: any number of rays.
+            samples: bins on them.
+            target: (R, 3) float32 colours in [0, 1].
+
+        Returns:
+            error (R,), mean over the channels; gradients (R, 3) of origins and of directions.
+        """
 
 
 class Sampler(Protocol):
-    """Bins on rays, and whatever is learned about where to put them."""
+    """Placement of bins on rays, with parameters of its own where the placement is learned."""
 
-    parameters: Arrays  # learned by gradient
-    state: dict[str, np.ndarray]  # changed by ``learn`` in place
+    parameters: Arrays  # trained by gradient
+    state: dict[str, np.ndarray]  # updated in place by ``learn``
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
-        """Bins for rays; ``jitter`` (R,) float32 in [0, 1) places them, 0.5 for evaluation."""
+        """Place bins on rays; ``jitter`` (R,) float32 in [0, 1) shifts them, 0.5 for evaluation."""
 
     def learn(
         self,
@@ -74,7 +90,7 @@ class Sampler(Protocol):
         field: Field,
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
-        """Gradients and losses of the sampler, after the field has found ``weights`` (R, S)."""
+        """Return gradients and losses of the sampler, given the field's ``weights`` (R, S) of the samples."""
 
 
 class Model:
@@ -82,46 +98,57 @@ class Model:
 
     Args:
         settings: hyper-parameters.
-        box: where the scene is.
-        field: knows what is at a point.
-        sampler: knows where to ask.
+        box: region of full resolution.
+        field: predicts density, colour and class at points.
+        sampler: places points on rays.
         frames: number of training images.
+
+    Attributes:
+        parameters: all trained arrays by name.
+        state: arrays of the sampler that change without a gradient.
+        losses: mean losses of the last training step by name.
+        pose_offsets: learned corrections of the training poses; None if the settings do not ask for them.
     """
 
     def __init__(self, settings: Settings, box: SceneBox, field: Field, sampler: Sampler, frames: int) -> None:
         self.settings, self.box, self.field, self.sampler = settings, box, field, sampler
-        self.cameras = Cameras(frames) if settings.refine_cameras else None
+        self.pose_offsets = PoseOffsets(frames) if settings.refine_cameras else None
         self.parameters: Arrays = {**field.parameters, **sampler.parameters}
-        if self.cameras is not None:
-            self.parameters |= self.cameras.parameters
+        if self.pose_offsets is not None:
+            self.parameters |= self.pose_offsets.parameters
         self.state = sampler.state
+        self.losses: dict[str, float] = {}
 
-    def rate(self, name: str) -> float:
-        """How much faster than the schedule a parameter learns."""
-        if name in Cameras.RATES:
-            return Cameras.RATES[name]
+    def rate_factor(self, name: str) -> float:
+        """Return the learning rate of a parameter as a multiple of the scheduled rate."""
+        if name in PoseOffsets.RATES:
+            return PoseOffsets.RATES[name]
         return getattr(self.settings, "table_rate", 1.0) if name.endswith("table") else 1.0
 
     def train_step(self, rays: Rays, targets: Targets, rng: np.random.Generator) -> tuple[Arrays, dict[str, float]]:
-        """Gradients by parameter name (buffers that the next step reuses) and mean losses of a batch."""
+        """Return the gradients by parameter name and the mean losses of a batch.
+
+        The gradients may be buffers that the next step reuses.
+        """
         jitter = rng.random(len(rays), dtype=np.float32)
-        if self.cameras is None:
+        if self.pose_offsets is None:
             samples = self.sampler.sample(rays, jitter)
-            learned = self.field.train(rays, samples, targets, rng, False)
-            moved: Arrays = {}
+            output = self.field.train(rays, samples, targets, rng, False)
+            d_offsets: Arrays = {}
         else:
-            rays = self.cameras.move(rays)
+            rays = self.pose_offsets.apply(rays)
             samples = self.sampler.sample(rays, jitter)
-            learned = self.field.train(rays, samples, targets, rng, True)
-            moved = self.cameras.gradients(rays, learned)
-        found, losses = self.sampler.learn(rays, samples, targets, learned.weights, self.field, rng)
-        return {**learned.gradients, **found, **moved}, {**learned.losses, **losses}
+            output = self.field.train(rays, samples, targets, rng, True)
+            d_offsets = self.pose_offsets.gradients(rays, output)
+        gradients, losses = self.sampler.learn(rays, samples, targets, output.weights, self.field, rng)
+        self.losses = {**output.losses, **losses}
+        return {**output.gradients, **gradients, **d_offsets}, self.losses
 
     @torch.no_grad()
     def render_rays(
         self, rays_o: np.ndarray, rays_d: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Render rays, in pieces.
+        """Render any number of rays, in chunks.
 
         Args:
             rays_o: (N, 3) float32 origins, metres.
@@ -131,21 +158,19 @@ class Model:
             color (N, 3), logits (N, C), depth (N,) median distance along the ray in metres, opacity (N,); float32.
         """
         parts = []
-        for first in range(0, len(rays_o), PIECE):
-            rays = _padded(rays_o[first : first + PIECE], rays_d[first : first + PIECE])
-            shown = self.field.render(rays, self.sampler.sample(rays, _centred(rays)))
-            count = min(PIECE, len(rays_o) - first)
-            part = shown.color, shown.logits, shown.depth, shown.weights.sum(axis=1)
-            parts.append([values[:count] for values in part])
+        for first in range(0, len(rays_o), RENDER_CHUNK):
+            rays = Rays(rays_o[first : first + RENDER_CHUNK], rays_d[first : first + RENDER_CHUNK])
+            output = self.field.render(rays, self._evaluation_samples(rays))
+            parts.append((output.color, output.logits, output.depth, output.weights.sum(axis=1)))
         color, logits, depth, opacity = (np.concatenate(values) for values in zip(*parts, strict=True))
         return color, logits, depth, opacity
 
     def ray_gradients(
         self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Squared error of rays and its gradient, through the frozen field, in pieces (section 4.3, task 4).
+        """Return the squared error of rays and its gradients through the frozen field (section 4.3, task 4).
 
-        The distances of the samples are held fixed, as they are in training.
+        The distances of the samples are held fixed, as in training. Rays are processed in chunks.
 
         Args:
             rays_o: (N, 3) float32 origins, metres.
@@ -153,27 +178,27 @@ class Model:
             target: (N, 3) float32 colours in [0, 1].
 
         Returns:
-            error (N,), mean over the channels; gradients (N, 3) for origins and for unit directions.
+            error (N,), mean over the channels; gradients (N, 3) of origins and of unit directions.
         """
         parts = []
-        for first in range(0, len(rays_o), GRADIENT_PIECE):
-            rays = _padded(rays_o[first : first + GRADIENT_PIECE], rays_d[first : first + GRADIENT_PIECE])
-            wanted = target[first : first + GRADIENT_PIECE]
-            count, missing = len(wanted), len(rays) - len(wanted)
-            wanted = np.concatenate([wanted, np.repeat(wanted[-1:], missing, axis=0)]) if missing else wanted
-            samples = self.sampler.sample(rays, _centred(rays))
-            parts.append([np.copy(a[:count]) for a in self.field.ray_gradients(rays, samples, wanted)])
+        for first in range(0, len(rays_o), GRADIENT_CHUNK):
+            chunk = slice(first, first + GRADIENT_CHUNK)
+            rays = Rays(rays_o[chunk], rays_d[chunk])
+            parts.append(self.field.ray_gradients(rays, self._evaluation_samples(rays), target[chunk]))
         error, d_o, d_d = (np.concatenate(values) for values in zip(*parts, strict=True))
         return error, d_o, d_d
+
+    def _evaluation_samples(self, rays: Rays) -> Samples:
+        return self.sampler.sample(rays, np.full(len(rays), 0.5, np.float32))
 
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """How to make a model: what ``MODELS`` holds, and what a package registers.
+    """Recipe for a model: the entries of ``MODELS``, and the object that a package registers.
 
-    ``build(settings, box, frames, classes, rng, device)`` gets the number of training images, the number of classes (0
-    when nothing is labelled), a generator for the initial values, and where to compute: None for the fastest way on
-    this machine's cores, or a torch device.
+    ``build(settings, box, frames, classes, rng, device)`` returns a :class:`Model`. It receives the number of training
+    images, the number of classes (0 for images without labels), a generator for the initial values, and the device:
+    None for the fastest implementation on the CPU, or a torch device.
     """
 
     settings: Mapping[str, Settings]  # by preset
@@ -181,25 +206,37 @@ class ModelSpec:
     name: str = field(default="custom")
 
     def settings_for(self, preset: str) -> Settings:
-        """The hyper-parameters of a preset.
+        """Return the hyper-parameters of a preset.
 
         Raises:
-            UnknownNameError: the model has none by that name.
+            UnknownNameError: the model has no settings for this preset.
         """
         if preset not in self.settings:
             raise UnknownNameError(f"preset of {self.name}", preset, self.settings)
         return self.settings[preset]
 
     def named(self, name: str) -> "ModelSpec":
-        """The same under the name it is registered by."""
+        """Return a copy with another name."""
         return replace(self, name=name)
 
 
-def _centred(rays: Rays) -> np.ndarray:
-    return np.full(len(rays), 0.5, np.float32)
+def check_device(device: str | None) -> None:
+    """Check that torch can compute on a device; None, the CPU, always passes.
 
+    Raises:
+        DeviceError: the device does not exist on this machine.
 
-def _padded(rays_o: np.ndarray, rays_d: np.ndarray) -> Rays:
-    """Rows repeated at the end until they fill whole blocks."""
-    missing = -len(rays_o) % BLOCK_RAYS
-    return Rays(*(np.concatenate([a, np.repeat(a[-1:], missing, axis=0)]) if missing else a for a in (rays_o, rays_d)))
+    Example:
+        >>> check_device("cpu")
+        >>> check_device("gpu")
+        Traceback (most recent call last):
+        autonerf_lab.errors.DeviceError: device 'gpu' is not available on this machine; device=None computes on the CPU
+    """
+    if device is None:
+        return
+    try:
+        torch.empty(0, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise DeviceError(
+            f"device {str(device)!r} is not available on this machine; device=None computes on the CPU"
+        ) from error

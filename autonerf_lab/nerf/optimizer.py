@@ -1,4 +1,4 @@
-"""Adam over named arrays, with everything a checkpoint needs."""
+"""Adam over named arrays and tensors, with its state open to checkpoints."""
 
 from collections.abc import Callable
 
@@ -8,13 +8,20 @@ import torch
 from autonerf_lab.nerf.kernels.adam import adam
 from autonerf_lab.nerf.ray_batch import Array, Arrays
 
-BETA_1, BETA_2, EPSILON = 0.9, 0.99, 1e-15  # as Nerfacto has them
+BETA_1, BETA_2, EPSILON = 0.9, 0.99, 1e-15  # values of Nerfacto
 
 
 class Adam:
-    """Kingma and Ba 2015, for the gradients of one model.
+    """Adam (Kingma and Ba 2015) for the parameters of one model.
 
-    Entries without gradient keep their value and their moments: most of a hash table is not touched by a batch.
+    Entries with zero gradient keep their value and moments, because a batch touches few entries of a hash table.
+
+    Args:
+        parameters: arrays or tensors by name, updated in place.
+
+    Attributes:
+        steps: number of updates by parameter name.
+        first, second: moments by parameter name.
     """
 
     def __init__(self, parameters: Arrays) -> None:
@@ -24,7 +31,7 @@ class Adam:
         self.second = {name: _zeros_like(value) for name, value in parameters.items()}
 
     def step(self, gradients: Arrays, rates: dict[str, float]) -> None:
-        """One update of every parameter that has a gradient, each with its rate; numpy gradients are cleared."""
+        """Update the parameters that have a gradient, each with its learning rate; numpy gradients are cleared."""
         for name, gradient in gradients.items():
             self.steps[name] += 1
             arrays = self.parameters[name], gradient, self.first[name], self.second[name]

@@ -1,103 +1,99 @@
-"""A trained field, as everything downstream sees it: images from any camera, and answers at any point."""
+"""Trained radiance fields: images from any camera, and densities, colours and classes at any point."""
 
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.errors import DataError
+from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics, camera_rays
+from autonerf_lab.nerf.checkpoint import load_parts, save_parts, settings_to_json
 from autonerf_lab.nerf.frame import FieldFrame
-from autonerf_lab.nerf.model import Model
+from autonerf_lab.nerf.model import Model, ModelSpec, check_device
+from autonerf_lab.nerf.models import MODELS, model_spec
+from autonerf_lab.nerf.ray_batch import assign, to_numpy
+from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.visibility import Visibility
-
-
-@dataclass(frozen=True)
-class Rendering:
-    """What the field shows from one pose."""
-
-    rgb: np.ndarray  # (H, W, 3) float32 in [0, 1]
-    depth: np.ndarray  # (H, W) float32, along the optical axis, in the cameras' units: where half of the light is
-    semantics: np.ndarray | None  # (H, W) uint8, the class of the largest rendered logit; None: nothing was labelled
-    opacity: np.ndarray  # (H, W) float32, share of the light that was collected
+from autonerf_lab.types import Rendering
+from autonerf_lab.utils.plugins import package_name_of
 
 
 class NeRF:
-    """A trained model with its training cameras.
+    """A trained model with its training poses. Points and poses are in the world frame of the training poses.
 
     Args:
-        model: the parameters and the sampler.
-        cameras: (T, 4, 4) camera-to-world poses it was trained on.
-        intrinsics: the training camera.
-        visibility: what those cameras saw, in the field's coordinates.
-        meta: scene, policy, seed, preset, steps, seconds, PSNR: whatever tells this field from another; JSON values.
-        frame: the field's coordinates in the world of the cameras; the same for a walk.
-        classes: how many it tells apart, 0 where nothing was labelled.
+        model: field architecture and sampler, with the trained parameters.
+        poses: (T, 4, 4) float64 camera-to-world training poses, after pose refinement if it was on.
+        intrinsics: camera model of the first training image.
+        visibility: voxels that the training views have seen, in the coordinates of the field.
+        meta: JSON: scene, policy, seed, preset, steps, seconds, training PSNR.
+        frame: conversion between the world and the coordinates of the field; the identity for trajectories.
+        classes: number of semantic classes, 0 for a field trained without labels.
     """
 
     def __init__(
         self,
         model: Model,
-        cameras: np.ndarray,
+        poses: np.ndarray,
         intrinsics: Intrinsics,
         visibility: Visibility,
         meta: dict[str, Any],
         frame: FieldFrame | None = None,
         classes: int = NUM_CLASSES,
     ) -> None:
-        self.model, self.cameras, self.intrinsics = model, cameras, intrinsics
+        self.model, self.poses, self.intrinsics = model, poses, intrinsics
         self.visibility, self.meta, self.classes = visibility, meta, classes
         self.frame = frame or FieldFrame()
 
     def render(self, c2w: np.ndarray, intrinsics: Intrinsics | None = None) -> Rendering:
-        """The view of a camera.
+        """Render the view of a camera.
 
         Args:
-            c2w: (4, 4) camera-to-world, world frame of the training poses.
-            intrinsics: the camera; the training camera when none is given.
+            c2w: (4, 4) camera-to-world.
+            intrinsics: camera model; that of the training images by default.
         """
         return render(self.model, self.frame, c2w, intrinsics or self.intrinsics)
 
     def density(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N,) float32, sigma per metre, or per whatever unit the cameras have."""
-        return self.model.field.density(self.frame.enter(points)) / np.float32(self.frame.unit)
+        """Return (N,) float32 densities at (N, 3) world points, per metre (or per unit of the poses)."""
+        return self.model.field.density(self.frame.to_field(points)) / np.float32(self.frame.unit)
 
     def color(self, points: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
-        """Colours at points.
+        """Return colours at points.
 
         Args:
             points: (N, 3) world.
-            directions: (N, 3) unit viewing directions; straight down when none are given.
+            directions: (N, 3) unit viewing directions; straight down by default.
 
         Returns:
             (N, 3) float32 in [0, 1].
         """
         if directions is None:
             directions = np.broadcast_to(np.array([0, 0, -1.0]), (len(points), 3))
-        return self.model.field.color(self.frame.enter(points), directions)
+        return self.model.field.color(self.frame.to_field(points), directions)
 
     def semantics(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N, 16) float32 probabilities of the classes.
+        """Return (N, 16) float32 class probabilities at (N, 3) world points.
 
         Raises:
             DataError: the field was trained without labels.
         """
         if not self.classes:
-            raise DataError("this field knows no classes: it was trained on images without semantics")
-        logits = self.model.field.logits(self.frame.enter(points))
+            raise DataError("this field has no classes: it was trained on images without semantics")
+        logits = self.model.field.logits(self.frame.to_field(points))
         odds = np.exp(logits - logits.max(axis=1, keepdims=True))
         return odds / odds.sum(axis=1, keepdims=True)
 
     def seen(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N,) bool: on the way from a training camera to the surface it shows, or on it."""
-        return self.visibility(self.frame.enter(points))
+        """Return (N,) bool: True if a world point (N, 3) lies between a training camera and its surface, or on it."""
+        return self.visibility(self.frame.to_field(points))
 
     def ray_gradients(
         self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Squared error of rays against colours, and its gradients: what pose refinement descends.
+        """Return the squared colour error of rays and its gradients, as used by pose refinement.
 
         Args:
             rays_o: (N, 3) origins.
@@ -105,36 +101,124 @@ class NeRF:
             target: (N, 3) colours in [0, 1].
 
         Returns:
-            error (N,), mean over the channels; its gradients for ``rays_o`` and for ``rays_d``, (N, 3) each.
+            error (N,), mean over the channels; gradients of ``rays_o`` and of ``rays_d``, (N, 3) each.
         """
-        origins, directions, length = _unit(self.frame.enter(rays_o), rays_d)
+        origins, directions, length = _unit(self.frame.to_field(rays_o), rays_d)
         error, d_o, d_unit = self.model.ray_gradients(origins, directions, np.ascontiguousarray(target, np.float32))
         along = (d_unit * directions).sum(axis=1, keepdims=True)
         return error, d_o / np.float32(self.frame.unit), (d_unit - along * directions) / length[:, None]
 
     def save(self, folder: str | Path) -> None:
-        """Write ``nerf.safetensors`` and ``nerf.json``: see :mod:`autonerf_lab.nerf.checkpoint`."""
-        from autonerf_lab.nerf.checkpoint import save_nerf
+        """Write ``nerf.safetensors`` and ``nerf.json``; :func:`load_nerf` reads them.
 
-        save_nerf(self, folder)
+        A training checkpoint in the folder is removed.
+
+        Raises:
+            DataError: a file cannot be written.
+        """
+        model, visibility = self.model, self.visibility
+        arrays = {f"parameter/{name}": to_numpy(value) for name, value in model.parameters.items()}
+        arrays |= {f"state/{name}": value for name, value in model.state.items()}
+        arrays |= {"cameras": self.poses, "visibility": np.packbits(visibility.seen)}
+        name = self.meta.get("model")
+        header = {
+            "meta": self.meta,
+            "package": None if name in MODELS else package_name_of("models", str(name)),
+            "settings": settings_to_json(model.settings),
+            "classes": self.classes,
+            "frame": {"origin": self.frame.origin.tolist(), "unit": self.frame.unit},
+            "box": {"center": model.box.center.tolist(), "half": model.box.half.tolist(), "shell": model.box.shell},
+            "intrinsics": asdict(self.intrinsics),
+            "visibility": {
+                "origin": visibility.origin.tolist(),
+                "voxel": visibility.voxel,
+                "shape": list(visibility.seen.shape),
+            },
+        }
+        save_parts(folder, arrays, header)
 
     def __repr__(self) -> str:
         scene, steps = self.meta.get("scene", "?"), self.meta.get("steps", "?")
-        return f"NeRF({self.meta.get('model', '?')}, scene={scene}, {len(self.cameras)} views, {steps} steps)"
+        return f"NeRF({self.meta.get('model', '?')}, scene={scene}, {len(self.poses)} views, {steps} steps)"
+
+
+def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | None = None) -> NeRF:
+    """Load a saved field; it need not run on the device on which it was trained.
+
+    Args:
+        folder: holds ``nerf.json``.
+        device: None for the CPU, or a torch device.
+        model: the recipe of a model that is not registered.
+
+    Raises:
+        DataError: a file is missing, damaged or of another version, or the model is not installed.
+        DeviceError: the device does not exist on this machine.
+
+    Example:
+        >>> load_nerf("/nowhere")
+        Traceback (most recent call last):
+        autonerf_lab.errors.DataError: /nowhere/nerf.json does not exist
+    """
+    check_device(device)
+    path = Path(folder) / "nerf.json"
+    arrays, header = load_parts(folder)
+    spec = model or _installed_model(header, path)
+    try:
+        plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header["settings"].items()}
+        settings = type(next(iter(spec.settings.values())))(**plain)
+        box = SceneBox(
+            np.array(header["box"]["center"], np.float32),
+            np.array(header["box"]["half"], np.float32),
+            float(header["box"]["shell"]),
+        )
+        poses = arrays["cameras"]
+        built = spec.build(settings, box, len(poses), header["classes"], np.random.default_rng(0), device)
+        for prefix, group in (("parameter", built.parameters), ("state", built.state)):
+            for name, value in group.items():
+                assign(value, arrays[f"{prefix}/{name}"])
+        grid = header["visibility"]
+        seen = np.unpackbits(arrays["visibility"], count=int(np.prod(grid["shape"]))).astype(bool)
+        visibility = Visibility(np.array(grid["origin"]), float(grid["voxel"]), seen.reshape(grid["shape"]))
+        intrinsics, meta = Intrinsics(**header["intrinsics"]), dict(header["meta"])
+        frame = FieldFrame(np.array(header["frame"]["origin"], np.float64), float(header["frame"]["unit"]))
+        return NeRF(built, poses, intrinsics, visibility, meta, frame, int(header["classes"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"{path} does not describe a field ({error!r}); fit again") from error
+
+
+def _installed_model(header: dict[str, Any], path: Path) -> ModelSpec:
+    """Return the registered model that a file names.
+
+    Raises:
+        DataError: the file names no model, or one that is not installed.
+    """
+    meta = header.get("meta")
+    name, package = meta.get("model") if isinstance(meta, dict) else None, header.get("package")
+    if not isinstance(name, str):
+        raise DataError(f"{path} does not describe a field (it names no model); fit again")
+    try:
+        return model_spec(name)
+    except UnknownNameError as error:
+        # Names from a file are quoted and shortened.
+        way_out = "" if package is None else f"install the package {str(package)[:80]!r}, if you trust it, or "
+        raise DataError(
+            f"{path} needs the model {name[:80]!r}, which is not installed; {way_out}pass it: "
+            "load_nerf(folder, model=...)"
+        ) from error
 
 
 def render(model: Model, frame: FieldFrame, c2w: np.ndarray, intrinsics: Intrinsics) -> Rendering:
-    """The view of a camera, of a model that may still be in training: all that is asked of it is ``render_rays``.
+    """Render the view of a camera by a model, which may still be in training.
 
     Args:
-        model: the parameters and the sampler.
-        frame: its coordinates in the world of the camera.
+        model: needs only a method ``render_rays``.
+        frame: conversion between the world and the coordinates of the field.
         c2w: (4, 4) camera-to-world.
-        intrinsics: the camera.
+        intrinsics: camera model.
     """
     rays_o, rays_d = camera_rays(intrinsics, c2w)
     shape = rays_d.shape[:2]
-    origins, directions, length = _unit(frame.enter(rays_o.reshape(-1, 3)), rays_d.reshape(-1, 3))
+    origins, directions, length = _unit(frame.to_field(rays_o.reshape(-1, 3)), rays_d.reshape(-1, 3))
     color, logits, depth, opacity = map(np.asarray, model.render_rays(origins, directions))
     return Rendering(
         color.reshape(*shape, 3),
@@ -145,7 +229,7 @@ def render(model: Model, frame: FieldFrame, c2w: np.ndarray, intrinsics: Intrins
 
 
 def _unit(rays_o: np.ndarray, rays_d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """float32 origins, unit directions and the lengths that directions had."""
+    """Return float32 origins, unit directions, and the lengths of the given directions."""
     length = np.linalg.norm(rays_d, axis=1)
     origins = np.ascontiguousarray(rays_o, np.float32)
     return origins, np.ascontiguousarray(rays_d / length[:, None], np.float32), length.astype(np.float32)

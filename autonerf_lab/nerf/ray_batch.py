@@ -1,4 +1,4 @@
-"""What passes between fields, samplers and models: rays, bins on them, what they should show and what they show."""
+"""Records exchanged by fields, samplers and models. R: rays, S: samples per ray, C: classes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,72 +15,73 @@ Arrays = dict[str, Any]  # name -> Array
 
 @dataclass(frozen=True)
 class Rays:
-    """R rays, world frame; R is a multiple of 16 wherever fields and samplers see them."""
+    """R rays in the coordinates of the field; any number of them."""
 
     origins: np.ndarray  # (R, 3) float32, metres
     directions: np.ndarray  # (R, 3) float32, unit
-    frames: np.ndarray | None = None  # (R,) int64, the training image of each; None: of no image
+    frames: np.ndarray | None = None  # (R,) int64, index of the training image of each ray; None: not from an image
 
     def __len__(self) -> int:
+        """Return the number of rays."""
         return len(self.origins)
 
 
 @dataclass(frozen=True)
 class Targets:
-    """What the rays should show."""
+    """Ground truth of R rays."""
 
     color: np.ndarray  # (R, 3) float32 in [0, 1]
-    labels: np.ndarray  # (R,) int64, NO_LABEL where there is none
-    depth: np.ndarray  # (R,) float32, metres along the ray, NO_DEPTH where there is none
+    labels: np.ndarray  # (R,) int64 class index, NO_LABEL for none
+    depth: np.ndarray  # (R,) float32, metres along the ray, NO_DEPTH for none
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Bins on each ray, in order and without overlap. Between two of them there is nothing."""
+    """S bins on each ray, ordered and without overlap. Space between two bins counts as empty."""
 
     starts: np.ndarray  # (R, S) float32, metres along the ray
-    ends: np.ndarray  # (R, S)
-    record: Any = None  # what the sampler wants to remember until it learns
+    ends: np.ndarray  # (R, S) float32
+    record: Any = None  # data that the sampler stores for its own training step
 
     @property
-    def middles(self) -> np.ndarray:
-        """(R, S), where the field is asked."""
+    def midpoints(self) -> np.ndarray:
+        """(R, S) float32 distances at which the field is queried, metres."""
         return np.float32(0.5) * (self.starts + self.ends)
 
     @classmethod
     def between(cls, edges: np.ndarray, record: Any = None) -> "Samples":
-        """The S bins between (R, S + 1) increasing distances."""
+        """Return the S bins between (R, S + 1) increasing distances."""
         return cls(np.ascontiguousarray(edges[:, :-1]), np.ascontiguousarray(edges[:, 1:]), record)
 
 
 @dataclass(frozen=True)
-class Learned:
-    """What a training step of a field yields."""
+class TrainOutput:
+    """Result of a field's training step on R rays."""
 
     gradients: Arrays  # by parameter name
     losses: dict[str, float]
-    weights: np.ndarray  # (R, S) of the samples
-    d_origins: np.ndarray | None = None  # (R, 3) gradient of the rays, where it was asked for
-    d_directions: np.ndarray | None = None
+    weights: np.ndarray  # (R, S) float32, volume-rendering weights of the samples
+    d_origins: np.ndarray | None = None  # (R, 3) float32, gradient of the origins if requested
+    d_directions: np.ndarray | None = None  # (R, 3) float32, gradient of the directions if requested
 
 
 @dataclass(frozen=True)
-class Rendered:
-    """What R rays show."""
+class RenderOutput:
+    """Rendered values of R rays."""
 
-    color: np.ndarray  # (R, 3) float32; light that nothing stopped is black
+    color: np.ndarray  # (R, 3) float32; the remaining transmittance shows black
     logits: np.ndarray  # (R, C) float32
-    depth: np.ndarray  # (R,) float32, metres along the ray where half of the light is collected
+    depth: np.ndarray  # (R,) float32, metres along the ray, median of the weights
     weights: np.ndarray  # (R, S) float32
 
 
 def to_numpy(value: Array) -> np.ndarray:
-    """The values of an array or tensor."""
+    """Return the values of an array or tensor as an array."""
     return value.detach().cpu().numpy() if isinstance(value, torch.Tensor) else value
 
 
 def assign(target: Array, value: np.ndarray) -> None:
-    """Overwrite in place.
+    """Overwrite an array or tensor in place.
 
     Raises:
         ValueError: the shapes differ.

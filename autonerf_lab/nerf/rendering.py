@@ -1,31 +1,33 @@
-"""Volume rendering, sampling and the losses of a ray bundle in torch: the readable reference of the fused kernels.
+"""Volume rendering, sampling and losses of rays in torch: the readable reference of the fused kernels.
 
-Everything is written for (R, S) bins of R rays, from ``starts`` to ``ends`` (R, S), or between ``edges`` (R, S + 1)
-where they touch; distances in metres. CUDA trains with these
-functions; on the CPU :mod:`autonerf_lab.nerf.kernels` computes the same, and tests hold one against the other.
+Shapes: (R, S) bins on R rays, from ``starts`` to ``ends`` (R, S), or between ``edges`` (R, S + 1) where bins touch;
+distances in metres. CUDA trains with these functions. On the CPU, :mod:`autonerf_lab.nerf.kernels` computes the same,
+and tests compare both.
 """
 
 import torch
 
-LOG_SIGMA_START = -2.5  # a fresh network answers 0: the scene starts as thin fog, so that every ray reaches its wall
-OPAQUE = 1e-2  # share of the light below which nothing behind matters
-MAX_LOG_SIGMA = 9.6  # where the exponential of the log density is cut
+# Added to the output of the density network, which starts near 0: the initial density is low enough for rays to reach
+# the walls.
+LOG_SIGMA_START = -2.5
+OPAQUE = 1e-2  # transmittance below which a ray may stop
+MAX_LOG_SIGMA = 9.6  # upper limit of the log density
 
 
 def density_from_raw(raw: torch.Tensor) -> torch.Tensor:
-    """Density per metre from a network's first output."""
+    """Return the density per metre for the first output of a density network."""
     return torch.exp((raw + LOG_SIGMA_START).clamp(max=MAX_LOG_SIGMA))
 
 
 def weights_from_density(sigma: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
-    """w_i = T_i (1 - exp(-sigma_i delta_i)), section 3.2.
+    """Return the volume-rendering weights w_i = T_i (1 - exp(-sigma_i delta_i)) of section 3.2.
 
     Args:
         sigma: (R, S) per metre.
         starts, ends: (R, S).
 
     Returns:
-        (R, S); what they lack to 1 is the light that passes all bins.
+        (R, S); 1 minus their sum is the transmittance behind the last bin.
 
     Example:
         >>> weights_from_density(torch.tensor([[0.6931, 50]]), torch.tensor([[0.0, 1.0]]), torch.tensor([[1.0, 2.0]]))
@@ -37,12 +39,12 @@ def weights_from_density(sigma: torch.Tensor, starts: torch.Tensor, ends: torch.
 
 
 def composite(weights: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
-    """(R, S) weights and (R, S, C) values -> (R, C) rendered values."""
+    """Return (R, C) rendered values for (R, S) weights and (R, S, C) values."""
     return (weights[..., None] * values).sum(dim=1)
 
 
 def median_depth(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
-    """(R,) distance at which half of the collected weight lies in front, linear inside its bin."""
+    """Return the (R,) distances at which half of the total weight is reached, linear inside a bin."""
     total = weights.cumsum(dim=1)
     half = total[:, -1:] / 2
     bin_ = torch.searchsorted(total, half).clamp(max=weights.shape[1] - 1)
@@ -52,7 +54,7 @@ def median_depth(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor
 
 
 def warp(t: torch.Tensor, turn: float) -> torch.Tensor:
-    """Distance -> s in [0, 1): linear up to ``turn`` metres, then linear in disparity (piecewise sampling).
+    """Map a distance to s in [0, 1): linear up to ``turn`` metres, then linear in disparity (piecewise sampling).
 
     Example:
         >>> warp(torch.tensor([2.0, 4.0, 8.0]), turn=4.0)
@@ -62,12 +64,18 @@ def warp(t: torch.Tensor, turn: float) -> torch.Tensor:
 
 
 def unwarp(s: torch.Tensor, turn: float) -> torch.Tensor:
-    """The inverse of :func:`warp`."""
+    """Invert :func:`warp`."""
     return torch.where(s < 0.5, 2 * s * turn, 0.5 * turn / (1 - s))
 
 
 def first_edges(near: float, far: float, turn: float, jitter: torch.Tensor, bins: int) -> torch.Tensor:
-    """Piecewise sampling: equal steps of s, inner edges shifted by each ray's jitter in [0, 1).
+    """Return the bin edges of piecewise sampling: equal steps of s, inner edges shifted by the jitter of each ray.
+
+    Args:
+        near, far: ends of the rays, metres.
+        turn: distance where the warp changes from linear to disparity, metres.
+        jitter: (R,) in [0, 1); 0.5 for evaluation.
+        bins: number of bins.
 
     Returns:
         (R, bins + 1) distances.
@@ -81,14 +89,14 @@ def first_edges(near: float, far: float, turn: float, jitter: torch.Tensor, bins
 def resample(
     edges: torch.Tensor, weights: torch.Tensor, jitter: torch.Tensor, padding: float, bins: int
 ) -> torch.Tensor:
-    """Proposal sampling: new bins by inverse transform of the histogram, both ends of the ray kept.
+    """Resample bins by inverse transform sampling of a histogram (proposal sampling); both ends of the ray stay.
 
     Args:
-        edges: (R, P + 1).
-        weights: (R, P), not differentiated.
+        edges: (R, P + 1) of the histogram.
+        weights: (R, P) of the histogram, not differentiated.
         jitter: (R,) in [0, 1).
         padding: added to every weight.
-        bins: how many new ones.
+        bins: number of new bins.
 
     Returns:
         (R, bins + 1) increasing distances.
@@ -106,15 +114,15 @@ def resample(
 def occupied_bins(
     edges: torch.Tensor, density: torch.Tensor, threshold: float, reach: float, jitter: torch.Tensor, bins: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Bins of equal length in the occupied steps of each ray, until no light is left and ``reach`` has been covered.
+    """Place bins of equal length in the occupied steps of each ray, until it is opaque and has covered ``reach``.
 
     Args:
-        edges: (R, P + 1) distances of steps, metres.
-        density: (R, P) of the grid at their middles, per metre.
-        threshold: density from which a step is occupied; a ray without such a step is divided as a whole.
-        reach: metres of occupied space that a ray goes through at least.
+        edges: (R, P + 1) distances between which the grid is queried, metres.
+        density: (R, P) of the grid at the midpoints of the steps, per metre.
+        threshold: smallest density of an occupied step; a ray without such a step is divided over its whole length.
+        reach: smallest length of occupied space that a ray crosses, metres.
         jitter: (R,) in [0, 1).
-        bins: how many.
+        bins: number of bins.
 
     Returns:
         starts, ends (R, bins).
@@ -140,7 +148,7 @@ def occupied_bins(
 
 
 def distortion_loss(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor, turn: float) -> torch.Tensor:
-    """(R,) distortion of Barron et al. 2022, equation 15, in warped distances."""
+    """Return the (R,) distortion losses in warped distances (Barron et al. 2022, equation 15)."""
     near, far = warp(starts, turn), warp(ends, turn)
     middle = (near + far) / 2
     pairs = weights[:, :, None] * weights[:, None, :] * (middle[:, :, None] - middle[:, None, :]).abs()
@@ -150,7 +158,14 @@ def distortion_loss(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Ten
 def interlevel_loss(
     edges: torch.Tensor, weights: torch.Tensor, fine_edges: torch.Tensor, fine_weights: torch.Tensor
 ) -> torch.Tensor:
-    """(R,) loss of Barron et al. 2022, equation 13: a proposal must hold the fine weight that lies over its bins."""
+    """Return the (R,) interlevel losses (Barron et al. 2022, equation 13).
+
+    The proposal bins that overlap a fine bin must have at least its weight.
+
+    Args:
+        edges, weights: (R, P + 1), (R, P) proposal histogram.
+        fine_edges, fine_weights: (R, S + 1), (R, S) fine histogram, not differentiated.
+    """
     overlaps = (edges[:, None, :-1] < fine_edges[:, 1:, None]) & (edges[:, None, 1:] > fine_edges[:, :-1, None])
     bound = (overlaps * weights[:, None, :]).sum(dim=2)
     excess = (fine_weights.detach() - bound).clamp(min=0)

@@ -1,4 +1,4 @@
-"""Where the field keeps its resolution: a box around the cameras; the rest of the world is squeezed into a shell."""
+"""Scene box: full resolution around the training positions, the rest of the world contracted into a shell."""
 
 from dataclasses import dataclass
 
@@ -8,30 +8,30 @@ import torch
 
 @dataclass(frozen=True)
 class SceneBox:
-    """Maps the whole world into the unit cube, each axis on its own, with a continuous slope.
+    """Map from the whole world to the unit cube, separate for each axis and continuously differentiable.
 
-    Inside the box nothing is bent, so that cells are cubes of a known size in metres. Outside, with u the distance from
-    the centre in half sizes, u > 1 becomes 1 + s - s^2 / (u - 1 + s): the contraction of Barron et al. 2022 for a shell
-    of thickness s (theirs is s = 1).
+    Inside the box the map is linear, so that cells are cubes of a known size in metres. Outside, with u the distance
+    from the centre in half sizes, u > 1 becomes 1 + s - s^2 / (u - 1 + s): the contraction of Barron et al. 2022 for a
+    shell of thickness s (s = 1 in their paper).
     """
 
-    center: np.ndarray  # (3,) float32 metres, world frame
-    half: np.ndarray  # (3,) float32 metres
-    shell: float
+    center: np.ndarray  # (3,) float32 metres, coordinates of the field
+    half: np.ndarray  # (3,) float32 half size, metres
+    shell: float  # thickness of the shell, half sizes
 
     @classmethod
     def around(cls, positions: np.ndarray, margin: float, shell: float) -> "SceneBox":
-        """The box that reaches ``margin`` metres beyond all (N, 3) positions."""
+        """Return the box that extends ``margin`` metres beyond all (N, 3) positions."""
         low, high = positions.min(axis=0) - margin, positions.max(axis=0) + margin
         return cls(((low + high) / 2).astype(np.float32), ((high - low) / 2).astype(np.float32), shell)
 
     @property
     def size(self) -> np.ndarray:
-        """(3,) metres that the unit cube would span if nothing was squeezed."""
+        """(3,) float64 size of the unit cube in metres, by the scale inside the box."""
         return 2 * self.half.astype(np.float64) * (1 + self.shell)
 
     def contract(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world -> (N, 3) float32 in the unit cube.
+        """Map (N, 3) points to (N, 3) float32 in the unit cube.
 
         Example:
             >>> box = SceneBox(np.zeros(3, np.float32), np.ones(3, np.float32), 1.0)
@@ -40,18 +40,18 @@ class SceneBox:
         """
         u = (np.asarray(points, np.float32) - self.center) / self.half
         beyond = np.maximum(np.abs(u) - 1, 0)
-        squeezed = np.sign(u) * (1 + self.shell - self.shell**2 / (beyond + self.shell))
-        return ((np.where(beyond > 0, squeezed, u) / (1 + self.shell) + 1) / 2).astype(np.float32)
+        contracted = np.sign(u) * (1 + self.shell - self.shell**2 / (beyond + self.shell))
+        return ((np.where(beyond > 0, contracted, u) / (1 + self.shell) + 1) / 2).astype(np.float32)
 
     def contract_tensor(self, points: torch.Tensor) -> torch.Tensor:
-        """:meth:`contract` for (..., 3) tensors of any device, differentiable."""
+        """Map (..., 3) tensors on any device as :meth:`contract` does; differentiable."""
         u = (points - torch.as_tensor(self.center).to(points)) / torch.as_tensor(self.half).to(points)
         beyond = u.abs() - 1
-        squeezed = u.sign() * (1 + self.shell - self.shell**2 / (beyond.clamp(min=0) + self.shell))
-        return (torch.where(beyond > 0, squeezed, u) / (1 + self.shell) + 1) / 2
+        contracted = u.sign() * (1 + self.shell - self.shell**2 / (beyond.clamp(min=0) + self.shell))
+        return (torch.where(beyond > 0, contracted, u) / (1 + self.shell) + 1) / 2
 
     def expand(self, x: np.ndarray) -> np.ndarray:
-        """The inverse of :meth:`contract`: (N, 3) in the open unit cube -> (N, 3) float32 world.
+        """Map (N, 3) points of the open unit cube to (N, 3) float32 points; inverse of :meth:`contract`.
 
         Example:
             >>> box = SceneBox(np.zeros(3, np.float32), np.ones(3, np.float32), 1.0)

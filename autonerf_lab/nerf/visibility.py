@@ -1,4 +1,4 @@
-"""What the training cameras have seen: a voxel grid, from their poses and the depth the field itself renders."""
+"""Space seen by the training views: a voxel grid, carved along rays by the depth that the field renders."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ VOXEL = 0.05  # metres
 
 @dataclass(frozen=True)
 class Visibility:
-    """Seen space. Outside of the grid nothing was seen."""
+    """Voxel grid of seen space; points outside the grid are unseen."""
 
     origin: np.ndarray  # (3,) float64, outer corner of voxel [0, 0, 0], metres
-    voxel: float  # metres
+    voxel: float  # side of a voxel, metres
     seen: np.ndarray  # (X, Y, Z) bool
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N,) bool."""
+        """Return (N,) bool: True for (N, 3) points that were seen."""
         cells = np.floor((np.asarray(points) - self.origin) / self.voxel).astype(np.int64)
         inside = np.all((cells >= 0) & (cells < self.seen.shape), axis=1)
         found = np.zeros(len(cells), bool)
@@ -26,7 +26,7 @@ class Visibility:
 
 
 def carve(rays_o: np.ndarray, rays_d: np.ndarray, depth: np.ndarray, voxel: float = VOXEL) -> Visibility:
-    """Mark every voxel on the way from a camera to the surface, and the surface itself.
+    """Mark every voxel between a camera and the surface, and the surface itself.
 
     Args:
         rays_o, rays_d: (N, 3) origins and unit directions.
@@ -38,7 +38,7 @@ def carve(rays_o: np.ndarray, rays_d: np.ndarray, depth: np.ndarray, voxel: floa
         >>> grid(np.array([[1.0, 0, 0], [2.0, 0, 0], [2.2, 0, 0]])).tolist()
         [True, True, False]
     """
-    reach = depth + voxel  # a surface is as thick as a voxel: what is drawn there has been seen
+    reach = depth + voxel  # a surface counts as one voxel thick
     ends = rays_o + reach[:, None] * rays_d
     origin = np.minimum(rays_o.min(axis=0), ends.min(axis=0)) - voxel
     shape = np.ceil((np.maximum(rays_o.max(axis=0), ends.max(axis=0)) - origin) / voxel).astype(np.int64) + 1
@@ -49,7 +49,7 @@ def carve(rays_o: np.ndarray, rays_d: np.ndarray, depth: np.ndarray, voxel: floa
 
 @njit(cache=True)
 def _march(start: np.ndarray, direction: np.ndarray, length: np.ndarray, seen: np.ndarray) -> None:
-    """Half a voxel at a time: at most a corner that the ray grazes is missed."""
+    """Mark the voxels along rays in steps of half a voxel, which may miss a corner that a ray grazes."""
     for n in range(start.shape[0]):
         t = 0.0
         while t <= length[n]:

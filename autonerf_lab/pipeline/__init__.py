@@ -1,29 +1,23 @@
-"""Stages of the main job, the run folder they share, and its report."""
+"""Stages of a run, the run folder and its report."""
 
-from autonerf_lab.pipeline.stages import (
-    STAGE_FUNCTIONS,
-    Options,
-    Workspace,
-    begin,
-    check_names,
-    find_scene,
-    finished_field,
-    finished_walk,
-    resume,
-    run_stages,
-    summary,
+from autonerf_lab.pipeline.context import StageContext, StageOptions, find_scene
+from autonerf_lab.pipeline.run import (
+    check_arguments,
+    load_finished_field,
+    load_finished_trajectory,
+    run_pipeline,
+    run_stage,
+    score_table,
 )
 
 __all__ = [
-    "STAGE_FUNCTIONS",
-    "Options",
-    "Workspace",
-    "begin",
-    "check_names",
+    "StageContext",
+    "StageOptions",
+    "check_arguments",
     "find_scene",
-    "finished_field",
-    "finished_walk",
-    "resume",
-    "run_stages",
-    "summary",
+    "load_finished_field",
+    "load_finished_trajectory",
+    "run_pipeline",
+    "run_stage",
+    "score_table",
 ]

@@ -1,4 +1,4 @@
-"""The pictures of a run: files in ``figures/`` and, beside them, what a reader needs to be told about each."""
+"""Figures of a run: image files in ``figures/``, and a list of them with titles, captions and alternative texts."""
 
 import io
 import sys
@@ -17,52 +17,51 @@ _DPI = 110
 
 
 @dataclass(frozen=True)
-class Picture:
-    """One picture and its words. All text is plain: whoever shows it escapes it."""
+class StoredFigure:
+    """One figure and its texts. The texts are plain; the report escapes them."""
 
-    section: str  # of the report: walk, rendering, geometry, maps, planning, pose_refinement, mesh
+    section: str  # of the report: "trajectory", or the name of a task
     file: str  # relative to ``figures/``
     title: str
     caption: str
-    alt: str  # what a reader who cannot see it should know
-    still: str = ""  # for an animation: a picture that says the same on paper
+    alt: str  # alternative text, for readers who cannot see the figure
+    still: str = ""  # for an animation: a still image for print
 
 
 class Gallery:
-    """Collects the pictures of one stage; :meth:`close` makes them known to the report.
+    """Figures of one stage; :meth:`close` writes the list that the report reads.
 
     Args:
-        folder: of the pictures.
-        stage: begins the name of each file.
-        only: names of those to draw; all without.
+        folder: folder of the figures.
+        stage: prefix of the file names.
+        only: names of the figures to draw; default: all.
 
     Example:
         >>> import tempfile
         >>> folder = Path(tempfile.mkdtemp())
         >>> gallery = Gallery(folder, "explore")
         >>> red = np.full((4, 4, 3), (255, 0, 0), np.uint8)
-        >>> gallery.add("walk", "red", lambda: red, title="Red", caption="All of it.", alt="A red square")
+        >>> gallery.add("trajectory", "red", lambda: red, title="Red", caption="A red square.", alt="Red square")
         >>> gallery.close()
-        >>> [picture.file for picture in read_gallery(folder, "explore")]
+        >>> [figure.file for figure in read_gallery(folder, "explore")]
         ['explore_red.png']
     """
 
     def __init__(self, folder: Path, stage: str, only: Collection[str] | None = None) -> None:
         self.folder, self.stage, self.only = folder, stage, only
-        self.pictures: list[Picture] = []
+        self.figures: list[StoredFigure] = []
 
     def add(self, section: str, name: str, draw: Callable[[], Any], *, title: str, caption: str, alt: str) -> None:
-        """Draw and keep a picture, if it is wanted.
+        """Draw and save a figure, if ``only`` includes it.
 
         Args:
-            section: the part of the report it belongs to.
-            name: of the file, without the ending.
-            draw: returns a matplotlib figure (closed afterwards), an (H, W, 3) uint8 array, or a list of such arrays or
-                of Pillow images: the frames of an animation, whose last one is also kept as a still; no frames, no
-                picture.
+            section: section of the report.
+            name: of the file, without suffix.
+            draw: returns a matplotlib figure (closed afterwards), an (H, W, 3) uint8 array, or a list of arrays or
+                Pillow images. A list gives an animation, and its last frame a still image; an empty list, no figure.
             title: a few words.
-            caption: one or two sentences: what to look at.
-            alt: for readers who cannot see it.
+            caption: one or two sentences that explain the figure.
+            alt: alternative text.
         """
         if self.only is not None and name not in self.only:
             return
@@ -73,7 +72,7 @@ class Gallery:
             frames = [f if isinstance(f, Image.Image) else Image.fromarray(f) for f in image]
             still = f"{stem}_still.png"
             storage.write_bytes(self.folder / still, _png(frames[-1]))
-            # the last frame stays for a moment, so that a reader sees where it ended
+            # the last frame is shown longer
             durations = [150] * (len(frames) - 1) + [2500]
             file, data = f"{stem}.webp", io.BytesIO()
             frames[0].save(
@@ -83,17 +82,17 @@ class Gallery:
         else:
             file = f"{stem}.png"
             storage.write_bytes(self.folder / file, _png(image))
-        self.pictures.append(Picture(section, file, title, caption, alt, still))
+        self.figures.append(StoredFigure(section, file, title, caption, alt, still))
 
     def close(self) -> None:
-        """Write the list of pictures."""
+        """Write the list of figures."""
         storage.write_json(
-            self.folder / f"{self.stage}.json", {"version": 1, "pictures": [asdict(p) for p in self.pictures]}
+            self.folder / f"{self.stage}.json", {"version": 1, "figures": [asdict(p) for p in self.figures]}
         )
 
 
-def read_gallery(folder: Path, stage: str) -> list[Picture]:
-    """The pictures of a stage; none when it drew none.
+def read_gallery(folder: Path, stage: str) -> list[StoredFigure]:
+    """Read the list of figures of a stage; empty if the stage has drawn none.
 
     Raises:
         DataError: the list is damaged, or names a file outside the folder.
@@ -102,16 +101,16 @@ def read_gallery(folder: Path, stage: str) -> list[Picture]:
     if not path.exists():
         return []
     try:
-        pictures = [Picture(**row) for row in storage.read_json(path)["pictures"]]
+        figures = [StoredFigure(**row) for row in storage.read_json(path)["figures"]]
     except (KeyError, TypeError) as error:
-        raise DataError(f"{path} is not a list of pictures: {error!r}; run the stage again") from error
-    for picture in pictures:
-        if not all(isinstance(v, str) for v in asdict(picture).values()):
-            raise DataError(f"{path} is not a list of pictures; run the stage again")
-        for name in filter(None, (picture.file, picture.still)):
+        raise DataError(f"{path} is not a list of figures: {error!r}; run the stage again") from error
+    for figure in figures:
+        if not all(isinstance(v, str) for v in asdict(figure).values()):
+            raise DataError(f"{path} is not a list of figures; run the stage again")
+        for name in filter(None, (figure.file, figure.still)):
             if Path(name).name != name or Path(name).suffix not in (".png", ".webp"):
-                raise DataError(f"{path} names {name[:80]!r}, which is no picture of this folder")
-    return pictures
+                raise DataError(f"{path} names {name[:80]!r}, which is not an image file of this folder")
+    return figures
 
 
 def _png(image: Any) -> bytes:
@@ -122,6 +121,6 @@ def _png(image: Any) -> bytes:
         image.convert("RGB").save(data, "PNG", optimize=True)
         return data.getvalue()
     image.savefig(data, format="png", dpi=_DPI, bbox_inches="tight", facecolor="white")
-    if "matplotlib.pyplot" in sys.modules:  # a figure made through pyplot is kept alive by it
+    if "matplotlib.pyplot" in sys.modules:  # pyplot keeps a reference to its figures
         sys.modules["matplotlib.pyplot"].close(image)
     return data.getvalue()

@@ -1,7 +1,7 @@
-"""A run folder: what one run made, and how far it came.
+"""Run folder: the files of one run and its progress.
 
-``run.json`` is written before anything else and says what the run is (``config``) and which stages are finished. It is
-replaced atomically after each stage, so a run that was killed at any moment goes on from its last finished stage.
+``run.json`` is the first file of a run. It holds the configuration of the run (``config``) and its finished stages. It
+is replaced atomically after each stage, so an interrupted run continues after its last finished stage.
 """
 
 import contextlib
@@ -13,18 +13,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from autonerf_lab import __version__
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.utils import storage
 
 FORMAT_VERSION = 1
 LOCK = ".lock"
-HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)  # what systems say of a lock that somebody has
-REMOVED = (errno.ENOENT, errno.ESTALE)  # and of a folder that its holder removed since we made it; NFS says the second
 STAGES = ("scene", "explore", "fit", "evaluate", "mesh", "report")
 
-# What is made from what: doing a stage again makes these worthless.
-MADE_FROM: dict[str, tuple[str, ...]] = {
+# Running a stage again invalidates the outputs of these stages.
+INVALIDATES: dict[str, tuple[str, ...]] = {
     "scene": STAGES,
     "explore": STAGES[1:],
     "fit": STAGES[2:],
@@ -33,7 +33,7 @@ MADE_FROM: dict[str, tuple[str, ...]] = {
     "report": ("report",),
 }
 
-# Everything a run writes, by stage. Nothing else in the folder is ever touched.
+# All output files by stage. Other files in the folder are never removed.
 OUTPUTS: dict[str, tuple[str, ...]] = {
     "scene": ("scene.json",),
     "explore": (
@@ -46,94 +46,103 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "report": ("report.html",),
 }
 _FIGURES = ("figures/{stage}.json", "figures/{stage}_*")
+_REMOVED = (errno.ENOENT, errno.ESTALE)  # errors of a folder that another process has just removed; NFS reports ESTALE
+_WAY_OUT = "choose another --out, or replace the run with --overwrite"
+_START_AGAIN = "use another run folder, or replace this one with `autonerf-lab explore --overwrite`"
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """What a run is. Two runs with the same one make the same files, times aside."""
+    """Configuration of a run. Equal configurations give equal files, except for times."""
 
-    scene: str  # a name of the library, or a path
-    scene_sha256: str  # of the geometry: the same name may come to mean another apartment
+    scene: str  # name in the scene library, or path
+    scene_sha256: str  # of the geometry; a name or path may refer to another scene later
     policy: str
     preset: str
     seed: int = 0
-    model: str | None = None  # not chosen before the fit
+    model: str | None = None  # None until the stage `fit`
+    # The following values override the preset if they are set.
+    steps: int | None = None  # of the episode
+    map_size: int | None = None  # cells per side of the map of the policy
+    width: int | None = None  # of the images, pixels
+    height: int | None = None  # of the images, pixels
+    hfov_deg: float | None = None  # horizontal field of view of the camera, degrees
 
     def differences(self, other: "RunConfig") -> list[str]:
-        """What is not the same, for people. A model that one side has not chosen yet is no difference.
+        """Return a description of each difference. A model that only one side has set does not count.
 
         Example:
             >>> a = RunConfig("val-0", "f00", "frontier", "fast")
-            >>> a.differences(replace(a, seed=1, model="semantic-nerfacto"))
-            ['seed is 0, not 1']
+            >>> a.differences(replace(a, seed=1, steps=100, model="semantic-nerfacto"))
+            ['seed is 0, not 1', 'steps is unset, not 100']
         """
-        mine, theirs = asdict(self), asdict(other)
+        own, others = asdict(self), asdict(other)
         changed = [
-            key
-            for key in mine
-            if mine[key] != theirs[key] and not (key == "model" and None in (mine[key], theirs[key]))
+            key for key in own if own[key] != others[key] and not (key == "model" and None in (own[key], others[key]))
         ]
         if changed == ["scene_sha256"]:
-            return [f"scene {self.scene!r} is not the apartment it was when the run began"]
-        return [f"{key} is {mine[key]!r}, not {theirs[key]!r}" for key in changed if key != "scene_sha256"]
+            return [f"scene {self.scene!r} has changed since the run began"]
+        return [f"{key} is {_text(own[key])}, not {_text(others[key])}" for key in changed if key != "scene_sha256"]
 
 
 class RunFolder:
-    """The folder of one run. Make one with :func:`open_run` or :func:`load_run`."""
+    """Folder of one run. Create it with :func:`open_run` or :func:`load_run`."""
 
     def __init__(self, path: Path, config: RunConfig, stages: dict[str, dict[str, Any]]) -> None:
         self.path = path
         self.config = config
-        self.stages = stages  # name -> {seconds, peak_gb, finished}, in the order they finished
+        self.stages = stages  # name -> {seconds, peak_gb, finished}, in the order of completion
 
     def __truediv__(self, name: str) -> Path:
+        """Return the path of a file or folder in the run folder."""
         return self.path / name
 
     def finished(self, stage: str) -> bool:
-        """Whether the stage has written all it writes."""
+        """Return True if the stage has written all its outputs."""
         return stage in self.stages
 
     def require(self, stage: str) -> None:
-        """Raise unless the stage is finished.
+        """Check that a stage is finished.
 
         Raises:
-            RunFolderError: names the command that comes first.
+            RunFolderError: The stage is not finished. The message contains the command that runs it.
         """
         if not self.finished(stage):
-            raise RunFolderError(f"{self.path} has not come that far: `autonerf-lab {stage}` comes first")
+            raise RunFolderError(f"{self.path}: stage {stage!r} is not finished; run `autonerf-lab {stage}` first")
 
-    def mark(self, stage: str, seconds: float, peak_gb: float | None) -> None:
-        """Write down that a stage is finished."""
+    def mark_finished(self, stage: str, seconds: float, peak_gb: float | None) -> None:
+        """Record a finished stage with its time and its peak memory in ``run.json``."""
         now = datetime.now(UTC).isoformat(timespec="seconds")
         peak = None if peak_gb is None else round(peak_gb, 3)
         self.stages[stage] = {"seconds": round(seconds, 3), "peak_gb": peak, "finished": now}
         self.save()
 
-    def choose_model(self, model: str) -> None:
-        """Write down which model the run fits."""
+    def set_model(self, model: str) -> None:
+        """Record the model of the run in ``run.json``."""
         self.config = replace(self.config, model=model)
         self.save()
 
-    def begin_again(self, stage: str, overwrite: bool) -> None:
-        """Make room for a stage that is to run, maybe for the second time.
+    def clear_stage(self, stage: str, overwrite: bool) -> None:
+        """Remove the outputs of a finished stage and of all stages that depend on it.
 
         Args:
-            stage: its name.
-            overwrite: remove what a finished stage wrote and what was made from that. ``run.json`` says so first.
+            stage: Name of the stage that will run.
+            overwrite: Allow the removal. ``run.json`` is updated before any file is removed.
 
         Raises:
-            RunFolderError: the stage is finished and ``overwrite`` is not set.
+            RunFolderError: The stage is finished and ``overwrite`` is False.
         """
         if not self.finished(stage):
             return
         if not overwrite:
             raise RunFolderError(
-                f"{self.path}: `{stage}` is finished; --overwrite does it again and removes what was made from it"
+                f"{self.path}: `{stage}` is finished; --overwrite runs it again and removes all results that depend "
+                "on it"
             )
-        worthless = MADE_FROM[stage]
-        self.stages = {name: row for name, row in self.stages.items() if name not in worthless}
+        invalid = INVALIDATES[stage]
+        self.stages = {name: row for name, row in self.stages.items() if name not in invalid}
         self.save()
-        _remove_outputs(self.path, worthless)
+        _remove_outputs(self.path, invalid)
 
     def save(self) -> None:
         """Write ``run.json``."""
@@ -144,46 +153,45 @@ class RunFolder:
 
 
 def load_run(path: str | Path) -> RunFolder:
-    """The run that ``path`` holds.
+    """Load the run in the folder ``path``.
 
     Raises:
-        RunFolderError: there is none, or it was made by another version of the package.
+        RunFolderError: The folder holds no run, or a run of another version of the package.
         DataError: ``run.json`` is damaged.
 
     Example:
         >>> load_run("/nowhere")
         Traceback (most recent call last):
-        autonerf_lab.errors.RunFolderError: /nowhere holds no run (no run.json); `autonerf-lab explore --out /nowhere` \
-begins one
+        autonerf_lab.errors.RunFolderError: /nowhere holds no run (no run.json); start one with \
+`autonerf-lab explore --out /nowhere`
     """
     path = Path(path)
     if not (path / "run.json").exists():
-        raise RunFolderError(f"{path} holds no run (no run.json); `autonerf-lab explore --out {path}` begins one")
+        raise RunFolderError(f"{path} holds no run (no run.json); start one with `autonerf-lab explore --out {path}`")
     content = storage.read_json(path / "run.json")
     try:
         config = RunConfig(**content["config"])
         stages = {name: dict(content["stages"][name]) for name in STAGES if name in content["stages"]}
         version, package = content["version"], content["package"]
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{path / 'run.json'} is damaged ({error!r}); {_way_out()}") from error
+        raise DataError(f"{path / 'run.json'} is damaged ({error!r}); {_START_AGAIN}") from error
     if (version, package) != (FORMAT_VERSION, __version__):
-        raise RunFolderError(f"{path} was made by autonerf-lab {package}, this is {__version__}; {_way_out()}")
+        raise RunFolderError(f"{path} was made by autonerf-lab {package}, this is {__version__}; {_START_AGAIN}")
     return RunFolder(path, config, stages)
 
 
 def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrite: bool = False) -> RunFolder:
-    """Begin a run in a new or empty folder, or go on with an unfinished run of the same configuration.
+    """Start a run in a new or empty folder, or continue an unfinished run of the same configuration.
 
     Args:
-        path: the folder; made when it does not exist.
-        config: what the run is to be.
-        last: the stage up to which the caller wants to go: a run that has come so far counts as finished.
-        overwrite: replace a finished or different run: what it wrote is removed, and nothing else. An unfinished run
-            of the same configuration is continued all the same.
+        path: Run folder; created if it does not exist.
+        config: Configuration of the run.
+        last: Last stage that the caller will run. A run that has reached it counts as finished.
+        overwrite: Replace a finished or different run. Only outputs of the run are removed. An unfinished run of the
+            same configuration is continued.
 
     Raises:
-        RunFolderError: the folder holds something else, a finished run, or files of nobody knows whom. Nothing is
-            changed then.
+        RunFolderError: The folder holds a finished run, a different run or other files. Nothing is changed.
     """
     path = Path(path)
     refusal: DataError | RunFolderError | None = None
@@ -192,10 +200,10 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
             run = load_run(path)
             differences = run.config.differences(config)
             if differences:
-                refusal = RunFolderError(f"{path} holds another run ({'; '.join(differences)}); {_way_out()}")
+                refusal = RunFolderError(f"{path} holds another run ({'; '.join(differences)}); {_WAY_OUT}")
             elif all(run.finished(stage) for stage in STAGES[: STAGES.index(last) + 1]):
                 made = path / {"explore": "trajectory", "evaluate": "scores.json", "report": "report.html"}[last]
-                refusal = RunFolderError(f"{path} holds a finished run ({made}); {_way_out()}")
+                refusal = RunFolderError(f"{path} holds a finished run ({made}); {_WAY_OUT}")
             else:
                 return run
         except (DataError, RunFolderError) as error:
@@ -203,7 +211,7 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
         if not overwrite:
             raise refusal
         _remove_outputs(path, STAGES)
-    elif not nothing_but(path, "run.json"):
+    elif not is_empty_except(path, "run.json"):
         raise RunFolderError(f"{path} holds files but no run.json: not a run folder; choose another --out")
     run = RunFolder(path, config, {})
     run.save()
@@ -212,82 +220,57 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
 
 @contextlib.contextmanager
 def locked(path: Path, wait: bool = False) -> Iterator[None]:
-    """Keep a second process out of the folder. The lock goes with the process, however it ends.
+    """Context manager that locks a folder against other processes. The system releases the lock when a process ends.
 
-    What is locked is a file in it, ``.lock``, because network file systems lock nothing but files that are open for
-    writing. It is removed at the end; one that a killed process left is nobody's, and in nobody's way.
+    The lock is a file lock on ``.lock`` in the folder. The file is removed at the end. A file that a killed process
+    left behind is not locked.
 
     Args:
-        path: of the folder, which is made.
-        wait: until the other process is gone; it may remove the folder as it leaves.
+        path: Folder; created if it does not exist.
+        wait: Wait for the other process, which may remove the folder before it releases the lock.
 
     Raises:
-        RunFolderError: another process holds it, and we do not wait.
-        DataError: the folder cannot be made, or there are no locks on its file system.
+        RunFolderError: Another process holds the lock and ``wait`` is False.
+        DataError: The folder cannot be created, or its file system has no file locks.
     """
-    handle = _taken(path, wait)
+    lock, handle = _acquire(path, wait)
     try:
         yield
     finally:
-        if handle is not None:
-            if _is_open(path / LOCK, handle):  # not where the folder was removed, and has a new lock of somebody else
-                with contextlib.suppress(OSError):
-                    (path / LOCK).unlink()
-            os.close(handle)
+        # Remove the file while it is locked. If the folder was removed and created again, the file is another one.
+        with contextlib.suppress(OSError):
+            if os.path.samestat(os.fstat(handle), (path / LOCK).stat()):
+                (path / LOCK).unlink()
+        lock.release()
 
 
-def nothing_but(path: Path, name: str) -> bool:
-    """Whether a folder holds at most its lock and a file that was cut off while it was written.
-
-    Args:
-        path: of a folder, or of nothing.
-        name: of the file.
-    """
+def is_empty_except(path: Path, name: str) -> bool:
+    """Return True if a folder does not exist or holds only its lock and temporary files of the file ``name``."""
     return not path.exists() or all(e.name == LOCK or e.name.startswith(f".{name}.") for e in path.iterdir())
 
 
-def _taken(path: Path, wait: bool) -> int | None:
-    """The handle that holds the lock; None where there are no such locks."""
-    try:
-        import fcntl
-    except ImportError:  # Windows has other locks; there two processes are the user's care
-        fcntl = None  # type: ignore[assignment]
+def _acquire(path: Path, wait: bool) -> tuple[FileLock, int]:
+    """Return the acquired lock and the descriptor of its file."""
     while True:
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise DataError(f"cannot make the folder {path}: {error.strerror}; choose another --out") from error
-        if fcntl is None:
-            return None
-        handle = None
+            raise DataError(f"cannot create the folder {path}: {error.strerror}; use another folder") from error
+        handles: list[int] = []
+        lock = FileLock(path / LOCK, blocking=wait, fallback_to_soft=False, on_acquired=handles.append)
         try:
-            handle = os.open(path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            lock.acquire()
+        except Timeout as error:
+            raise RunFolderError(f"another process uses {path}; wait until it ends, or use another folder") from error
         except OSError as error:
-            if handle is not None:
-                os.close(handle)
-            if error.errno in REMOVED:
+            if error.errno in _REMOVED:
                 continue
-            if handle is not None and error.errno in HELD:
-                raise RunFolderError(
-                    f"another process is at work in {path}; wait for it, or choose another --out"
-                ) from error
-            raise DataError(f"cannot lock {path / LOCK}: {error.strerror}; choose another --out") from error
-        if _is_open(path / LOCK, handle):
-            return handle
-        os.close(handle)  # the file that it is of was removed meanwhile
+            raise DataError(f"cannot lock {path / LOCK}: {error.strerror}; use another folder") from error
+        return lock, handles[0]
 
 
-def _is_open(path: Path, handle: int) -> bool:
-    """Whether a path is still the file of a handle."""
-    try:
-        return os.path.samestat(os.fstat(handle), path.stat())
-    except OSError:
-        return False
-
-
-def _way_out() -> str:
-    return "choose another --out, or replace it with --overwrite"
+def _text(value: object) -> str:
+    return "unset" if value is None else repr(value)
 
 
 def _remove_outputs(path: Path, stages: tuple[str, ...]) -> None:
@@ -295,12 +278,12 @@ def _remove_outputs(path: Path, stages: tuple[str, ...]) -> None:
         for stage in stages:
             for pattern in (*OUTPUTS[stage], *(p.format(stage=stage) for p in _FIGURES)):
                 folder, name = (path / pattern).parent, Path(pattern).name
-                # the second pattern: temporary files of a write that was cut off
+                # the second pattern: temporary files of interrupted writes
                 for file in (*folder.glob(name), *folder.glob(f".{name}.*")):
                     file.unlink()
         for folder in sorted((p for p in path.rglob("*") if p.is_dir()), reverse=True):
             if folder.relative_to(path).parts[0] in ("trajectory", "nerf", "mesh", "figures", "baselines"):
-                with contextlib.suppress(OSError):  # somebody else's files are in it
+                with contextlib.suppress(OSError):  # the folder holds files of the user
                     folder.rmdir()
     except OSError as error:
         raise DataError(f"cannot remove {error.filename}: {error.strerror}") from error

@@ -1,4 +1,4 @@
-"""Fast marching, and the local policy that follows it with the robot's three actions."""
+"""Path planning by fast marching, and the local policy that follows waypoints."""
 
 from autonerf_lab.planning.dilation import dilate
 from autonerf_lab.planning.fast_marching import descend, path_length, travel_distance, weighted_success

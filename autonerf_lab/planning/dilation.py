@@ -1,4 +1,4 @@
-"""Grow the obstacles of a grid by a radius."""
+"""Dilation of obstacles on a grid."""
 
 import numpy as np
 from numba import njit
@@ -6,10 +6,10 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def dilate(mask: np.ndarray, radius: float) -> np.ndarray:
-    """Cells whose centre is within ``radius`` cells of a set cell's centre.
+    """Dilate a mask by a disc: set all cells whose centre is within ``radius`` of the centre of a set cell.
 
     Args:
-        mask: (R, C) bool, few of them set: the time is the number of set cells times the disc's.
+        mask: (R, C) bool; the run time is proportional to the number of set cells.
         radius: cells.
 
     Returns:

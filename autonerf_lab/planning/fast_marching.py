@@ -1,8 +1,8 @@
 """Shortest paths on a grid by the fast marching method (Sethian 1996).
 
-Dijkstra's algorithm measures length along grid edges and is off by up to 8 % however fine the grid. Fast marching
-solves ``|grad T| = 1`` with first-order upwind differences instead: the same heap, but a cell is updated from two of
-its neighbours at once, and the error vanishes with the cell.
+Dijkstra's algorithm measures lengths along grid edges, with errors up to 8 % at any resolution. Fast marching solves
+``|grad T| = 1`` with first-order upwind differences: it uses the same heap, but updates a cell from two neighbours, and
+the error vanishes with the cell size.
 """
 
 from collections.abc import Sequence
@@ -10,20 +10,20 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-_MIN_DROP = 1e-4  # cells: less than this is not a descent
-_DETOUR = 0.3  # cells: what the directions of a ring may cost; one cell too far costs at least 1.4
+_MIN_DROP = 1e-4  # cells; minimum decrease of a descent step
+_DETOUR = 0.3  # cells; excess length allowed for the limited directions of a ring (a wrong cell costs at least 1.4)
 
 
 def travel_distance(
     free: np.ndarray, goal: np.ndarray, cell: float = 1.0, stop_at: Sequence[int] | np.ndarray | None = None
 ) -> np.ndarray:
-    """Length of the shortest path from each cell to the goal.
+    """Compute the length of the shortest path from each cell to the goal.
 
     Args:
-        free: (R, C) bool, where one can be.
+        free: (R, C) bool, cells that a path may cross.
         goal: (R, C) bool, or (K, 2) integer [row, column] cells; goal cells that are not free are ignored.
         cell: side of a cell, metres.
-        stop_at: stop when this cell is reached; cells farther from the goal then read inf.
+        stop_at: row and column at which to stop early; farther cells remain inf.
 
     Returns:
         (R, C) float64, metres; inf where blocked or unreachable.
@@ -57,21 +57,21 @@ def descend(
     radius: int = 5,
     max_steps: int = 10_000,
 ) -> np.ndarray:
-    """Follow a field of :func:`travel_distance` downhill.
+    """Extract a path by descent on a field of :func:`travel_distance`.
 
-    Each step goes to the cell on the ring of ``radius`` cells that lies lowest for the way there, in a straight line
-    over reachable cells; where there is none, the ring shrinks. Larger rings know more directions, so that the path is
-    shorter: with 5 cells it is within 1 % of the true length.
+    Each step is a straight line over reachable cells to the best cell on a ring of ``radius`` cells; without such a
+    cell, the ring shrinks. Larger rings have more directions and give shorter paths: with 5 cells, paths on open ground
+    are within 1 % of the true length.
 
     Args:
         distance: (R, C) metres.
-        start: [row, column].
+        start: row and column.
         cell: side of a cell, metres.
-        radius: of the ring, cells.
-        max_steps: of at most ``radius`` cells.
+        radius: radius of the ring, cells.
+        max_steps: maximum number of steps.
 
     Returns:
-        (K, 2) int64 cells from ``start`` to the goal, or to where the descent ends. K = 1 when it cannot begin.
+        (K, 2) int64 cells from ``start`` to the goal, or to the end of the descent. K = 1 if there is no first step.
 
     Example:
         >>> field = travel_distance(np.ones((1, 8), bool), np.array([[0, 0]]))
@@ -85,7 +85,7 @@ def descend(
 
 
 def path_length(path: np.ndarray, cell: float = 1.0) -> float:
-    """Length of a polyline of cells, metres.
+    """Compute the length of a polyline of cells, metres.
 
     Example:
         >>> path_length(np.array([[0, 0], [3, 4]]), cell=0.1)
@@ -95,12 +95,12 @@ def path_length(path: np.ndarray, cell: float = 1.0) -> float:
 
 
 def weighted_success(success: bool, length: float, shortest: float) -> float:
-    """Success weighted by path length, 0 to 1: the mean over episodes is SPL (Anderson et al. 2018).
+    """Compute success weighted by path length, in [0, 1]; its mean over episodes is SPL (Anderson et al. 2018).
 
     Args:
-        success: of the episode; a failure is 0 whatever its lengths.
-        length: of the path, metres.
-        shortest: of the shortest one, metres.
+        success: True if the episode succeeded; the result of a failure is 0.
+        length: length of the path, metres.
+        shortest: length of the shortest path, metres.
 
     Example:
         >>> weighted_success(True, 4.0, 3.0), weighted_success(True, 2.9, 3.0), weighted_success(False, 4.0, 3.0)
@@ -113,10 +113,10 @@ def weighted_success(success: bool, length: float, shortest: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _march(free: np.ndarray, goal: np.ndarray, stop: int, distance: np.ndarray) -> None:
-    """Writes ``distance`` in cells; it must come filled with inf.
+    """Write distances, in cells, into ``distance``, which must be filled with inf.
 
-    All arrays are flat with a border of one blocked cell, so that no neighbour needs a bounds check. ``stride`` is the
-    length of a row. The heap holds cells; ``place`` knows where each is, so that a better value moves it up.
+    All arrays have a border of one blocked cell, so that neighbours need no bounds check, and are used flat; ``stride``
+    is the length of a row. The heap contains cells; ``index`` is the position of each cell in the heap, or -1 or -2.
     """
     stride = free.shape[1]
     blocked = ~free.ravel()
@@ -124,17 +124,17 @@ def _march(free: np.ndarray, goal: np.ndarray, stop: int, distance: np.ndarray) 
     count = 0
     heap = np.empty(free.size, np.int32)
     keys = np.empty(free.size)
-    place = np.full(free.size, -1, np.int32)  # -1: never reached; -2: done
+    index = np.full(free.size, -1, np.int32)  # -1: not reached; -2: finished
     goals = goal.ravel()
     for i in range(free.size):
         if goals[i] and not blocked[i]:
-            heap[count], keys[count], place[i] = i, 0.0, count
+            heap[count], keys[count], index[i] = i, 0.0, count
             count += 1
     sides = np.array([-stride, stride, -1, 1])
     while count > 0:
         cell, key = heap[0], keys[0]
         flat[cell] = key
-        place[cell] = -2
+        index[cell] = -2
         count -= 1
         if cell == stop:
             return
@@ -150,19 +150,19 @@ def _march(free: np.ndarray, goal: np.ndarray, stop: int, distance: np.ndarray) 
                 if keys[child] >= last_key:
                     break
                 heap[i], keys[i] = heap[child], keys[child]
-                place[heap[i]] = i
+                index[heap[i]] = i
                 i = child
-            heap[i], keys[i], place[last] = last, last_key, i
+            heap[i], keys[i], index[last] = last, last_key, i
         for side in sides:
             n = cell + side
-            if blocked[n] or place[n] == -2:
+            if blocked[n] or index[n] == -2:
                 continue
             a = min(flat[n - stride], flat[n + stride])
             b = min(flat[n - 1], flat[n + 1])
             gap = abs(a - b)
             # With a wider gap only one axis is upwind.
             value = (a + b + np.sqrt(2 - gap * gap)) / 2 if gap < 1 else min(a, b) + 1
-            i = place[n]
+            i = index[n]
             if i == -1:
                 i = count
                 count += 1
@@ -173,14 +173,14 @@ def _march(free: np.ndarray, goal: np.ndarray, stop: int, distance: np.ndarray) 
                 if keys[parent] <= value:
                     break
                 heap[i], keys[i] = heap[parent], keys[parent]
-                place[heap[i]] = i
+                index[heap[i]] = i
                 i = parent
-            heap[i], keys[i], place[n] = n, value, i
+            heap[i], keys[i], index[n] = n, value, i
 
 
 @njit(cache=True, nogil=True)
 def _clear(distance: np.ndarray, r0: int, c0: int, r1: int, c1: int) -> bool:
-    """Is every cell under the straight line, but for its first, reachable?"""
+    """Return True if every cell under the straight line, except the first, is reachable."""
     steps = 2 * max(abs(r1 - r0), abs(c1 - c0))
     for i in range(1, steps + 1):
         r = int(np.floor(r0 + (r1 - r0) * i / steps + 0.5))
@@ -208,9 +208,9 @@ def _descend(distance: np.ndarray, radius: int, path: np.ndarray) -> int:
                     at_goal = distance[r, c] == 0.0 and length > 0
                     if length > ring + 0.5 or (length <= ring - 1 and not at_goal):
                         continue
-                    # The whole way over this cell: what is left, and the way to it.
+                    # Length of the whole path through this cell.
                     total = distance[r, c] + length
-                    # A way that is longer than the field says goes past the bend: look nearer.
+                    # A path longer than the field overshoots a bend: use a smaller ring.
                     if ring > 1 and total > here + _DETOUR:
                         continue
                     if distance[r, c] < here - _MIN_DROP and total < best and _clear(distance, r0, c0, r, c):

@@ -1,8 +1,8 @@
-"""The local policy: from a waypoint on the map to the robot's next action.
+"""Local policy: from a waypoint on the map to the next action.
 
-A fast-marching field from the waypoint says how far every cell is; the robot heads for the lowest cell a few cells
-ahead. What it has not seen is taken for free, what it bumped into for blocked. The field is made again only when the
-waypoint changes, something turns up on the planned path, or the robot leaves the field.
+A fast-marching field gives the path length from every cell to the waypoint; the robot heads for the best cell a few
+cells ahead. Unexplored cells count as free, cells of collisions as blocked. The field is computed again if the waypoint
+changes, an obstacle appears near the planned path, the robot leaves the field, or after 25 steps.
 """
 
 from dataclasses import dataclass
@@ -15,30 +15,30 @@ from autonerf_lab.planning.dilation import dilate
 from autonerf_lab.planning.fast_marching import descend, travel_distance
 from autonerf_lab.types import Action, MapState
 
-_MARGIN = 1.5  # metres around what is known: enough to plan through the unknown, and no more than that is marched
+_MARGIN = 1.5  # metres around the explored area that are planned on; a larger margin takes more time
 _RING = 0.25  # metres to the short-term goal
 _REPLAN_STEPS = 25
-_MIN_MOVE = 0.20  # metres; a forward step that gets less far is a collision
+_MIN_MOVE = 0.20  # metres; a shorter forward step is a collision
 _ARRIVED = 0.2  # metres from the end of the plan
 _ESCAPE_AFTER = 4  # collisions within _ESCAPE_WINDOW steps
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A field of distances to the waypoint over a part of the map."""
+    """Path lengths to a waypoint over a part of the map."""
 
-    target: tuple[int, int]  # the waypoint's cell
-    corner: tuple[int, int]  # map cell of the field's cell [0, 0]
-    distance: np.ndarray  # metres, inf where blocked
+    target: tuple[int, int]  # cell of the waypoint
+    corner: tuple[int, int]  # map cell of distance[0, 0]
+    distance: np.ndarray  # (R, C) float64, metres; inf for blocked cells
     path: np.ndarray  # (K, 2) map cells from the robot to the goal
-    exact: bool  # the path ends at the waypoint, not at the nearest cell that can be reached
+    exact: bool  # True: the path ends at the waypoint; False: at the reachable cell nearest to it
 
 
 class LocalPolicy:
-    """Follows one waypoint after the other; remembers collisions for the length of an episode.
+    """Follow waypoints with the robot's actions; cells of collisions stay blocked for the episode.
 
     Args:
-        clearance: metres from an obstacle cell that are kept when there is a choice.
+        clearance: preferred distance from obstacle cells, metres.
 
     Example:
         >>> from autonerf_lab.geometry import planar_pose
@@ -52,49 +52,49 @@ class LocalPolicy:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last episode."""
+        """Begin an episode."""
         self._plan: Plan | None = None
-        self._bumped: np.ndarray | None = None  # (M, M) bool, cells a collision has blocked
+        self._bumped: np.ndarray | None = None  # (M, M) bool, cells blocked by collisions
         self._last: tuple[float, float, float] | None = None
         self._last_action: Action | None = None
         self._bump_steps: list[int] = []
         self._age = 0
         self._steps = 0
-        self._left = np.inf  # metres to where the plan ends
+        self._left = np.inf  # metres to the end of the plan
         self._escape: list[Action] = []
 
     @property
     def path(self) -> np.ndarray:
-        """(K, 2) map cells of the plan, from where it was made; empty without one."""
+        """Planned path, (K, 2) map cells from the position at planning time; empty without a plan."""
         return np.empty((0, 2), np.int64) if self._plan is None else self._plan.path
 
     @property
     def blocked(self) -> bool:
-        """The waypoint of the last call cannot be reached: the robot heads for the nearest place that can."""
+        """True if the last waypoint is unreachable and the robot heads for the reachable cell nearest to it."""
         return self._plan is not None and not self._plan.exact
 
     @property
     def arrived(self) -> bool:
-        """The robot stands as near to the waypoint as it can get, within a step."""
+        """True if the robot is at the end of its plan, within 0.2 m."""
         return self._left < _ARRIVED
 
     def act(self, map: MapState, waypoint: np.ndarray) -> Action:
-        """The next action on the way to ``waypoint``.
+        """Return the next action towards a waypoint.
 
         Args:
-            map: the current map, with the robot's pose.
-            waypoint: (2,) world x, y.
+            map: current map, with the robot's pose.
+            waypoint: (2,) world x, y, metres.
         """
         x, y, heading = planar_from_pose(map.pose)
         self._steps += 1
         self._age += 1
-        self._feel(map, x, y, heading)
+        self._detect_collision(map, x, y, heading)
         action = self._escape.pop(0) if self._escape else self._towards(map, np.asarray(waypoint), x, y, heading)
         self._last, self._last_action = (x, y, heading), action
         return action
 
-    def _feel(self, map: MapState, x: float, y: float, heading: float) -> None:
-        """Block the cells ahead when the last step forward did not get far."""
+    def _detect_collision(self, map: MapState, x: float, y: float, heading: float) -> None:
+        """Block the cells ahead if the last forward step was too short."""
         if self._bumped is None or self._bumped.shape != map.occupied.shape:
             self._bumped = np.zeros_like(map.occupied)
         if self._last is None or self._last_action != Action.FORWARD:
@@ -103,7 +103,7 @@ class LocalPolicy:
             return
         self._bump_steps = [*(s for s in self._bump_steps if s > self._steps - 12), self._steps]
         repeats = len(self._bump_steps)
-        # A strip across the way, just outside the body; wider when the narrower one did not help.
+        # Block a strip in front of the body; it grows with repeated collisions.
         ahead = AGENT_RADIUS + map.cell * np.arange(0.5, 2.0)
         across = map.cell * np.arange(-repeats, repeats + 1)
         a, b = np.meshgrid(ahead, across)
@@ -120,12 +120,13 @@ class LocalPolicy:
         self._bumped[tuple(cells[inside].T)] = True
         self._plan = None
         if repeats >= _ESCAPE_AFTER:
-            # The map says free and the body says blocked, again and again: turn away from here and start over.
+            # Repeated collisions on ground that the map calls free: turn away, move, and plan again.
             turn = Action.TURN_LEFT if self._steps % 2 else Action.TURN_RIGHT
             self._escape = [turn] * (2 + self._steps % 4) + [Action.FORWARD] * 2
             self._bump_steps = []
 
     def _towards(self, map: MapState, waypoint: np.ndarray, x: float, y: float, heading: float) -> Action:
+        """Return the action along the plan; make a new plan if necessary."""
         row, col = (int(i) for i in world_to_cell(waypoint, map.origin, map.cell))
         target = (min(max(row, 0), len(map.occupied) - 1), min(max(col, 0), len(map.occupied) - 1))
         start = tuple(int(i) for i in world_to_cell(np.array([x, y]), map.origin, map.cell))
@@ -140,16 +141,17 @@ class LocalPolicy:
         corner = self._plan.corner
         self._left = float(self._plan.distance[start[0] - corner[0], start[1] - corner[1]])
         if goal is None or (self.arrived and self.blocked):
-            return Action.TURN_LEFT  # there is nowhere better to go: look around
+            return Action.TURN_LEFT  # no better position: look around
         error = wrap_angle(np.arctan2(goal[1] - y, goal[0] - x) - heading)
         if abs(error) <= TURN_ANGLE / 2 + 1e-6:
             return Action.FORWARD
         turn = Action.TURN_LEFT if error > 0 else Action.TURN_RIGHT
-        undoes = {Action.TURN_LEFT, Action.TURN_RIGHT} == {turn, self._last_action}
-        # Two goals of equal worth on either side must not keep it turning to and fro.
-        return Action.FORWARD if undoes and abs(error) < TURN_ANGLE else turn
+        reverses = {Action.TURN_LEFT, Action.TURN_RIGHT} == {turn, self._last_action}
+        # Do not alternate between left and right turns.
+        return Action.FORWARD if reverses and abs(error) < TURN_ANGLE else turn
 
     def _stale(self, map: MapState, plan: Plan, start: tuple[int, ...]) -> bool:
+        """Return True if the plan is old or an obstacle is too close to the rest of its path."""
         if self._age >= _REPLAN_STEPS:
             return True
         reach = max(1, round(self._clearance / map.cell) - 1)
@@ -157,7 +159,7 @@ class LocalPolicy:
         return bool(_near_obstacle(map.occupied, plan.path[nearest:], reach, start[0], start[1]))
 
     def _short_term_goal(self, map: MapState, plan: Plan, start: tuple[int, ...]) -> np.ndarray | None:
-        """World x, y of the lowest cell on the ring around the robot."""
+        """Return world x, y of the first step of the descent; None if the robot is outside the field or at its end."""
         row, col = start[0] - plan.corner[0], start[1] - plan.corner[1]
         if not (0 <= row < plan.distance.shape[0] and 0 <= col < plan.distance.shape[1]):
             return None
@@ -170,6 +172,7 @@ class LocalPolicy:
         return (path[1][::-1] + np.array(plan.corner)[::-1] + 0.5) * map.cell + map.origin
 
     def _make_plan(self, map: MapState, target: tuple[int, int], start: tuple[int, ...]) -> Plan:
+        """Plan with the largest possible clearance, to the reachable cell nearest to the target."""
         assert self._bumped is not None
         window = _window(map, start, target)
         corner = (window[0].start, window[1].start)
@@ -178,15 +181,15 @@ class LocalPolicy:
         occupied, visited, bumped = map.occupied[window], map.visited[window], self._bumped[window]
         radius = round(self._clearance / map.cell)
         free = np.ones(occupied.shape, bool)
-        for reach in range(radius, -1, -1):  # a doorway seen too narrow is worth a try
+        for reach in range(radius, -1, -1):  # a smaller clearance opens doorways that are mapped too narrow
             free = (~dilate(occupied, reach + 0.5) | visited) & ~bumped
             free[max(0, here[0] - 1) : here[0] + 2, max(0, here[1] - 1) : here[1] + 2] = True
-            aim = _aim(free, goal, max(2, round(0.15 / map.cell)))
-            distance = travel_distance(free, aim, map.cell, here)
+            goal_cells = _goal_cells(free, goal, max(2, round(0.15 / map.cell)))
+            distance = travel_distance(free, goal_cells, map.cell, here)
             if np.isfinite(distance[here]):
                 return Plan(target, corner, distance, descend(distance, here, map.cell) + corner, True)
             if reach <= radius - 2 and bumped.any():
-                # Perhaps it is a collision, not a wall, that closes the only way.
+                # A cell blocked by a collision may close the only path.
                 self._bumped[window] = False
                 bumped = self._bumped[window]
         reachable = np.isfinite(travel_distance(free, np.array([here]), map.cell))
@@ -197,7 +200,7 @@ class LocalPolicy:
 
 
 def _window(map: MapState, *cells: tuple[int, ...]) -> tuple[slice, slice]:
-    """The part of the map that is known or named, with a margin."""
+    """Return the rows and columns of the explored area and the given cells, with a margin."""
     margin = round(_MARGIN / map.cell)
     size = len(map.explored)
     slices = []
@@ -208,8 +211,8 @@ def _window(map: MapState, *cells: tuple[int, ...]) -> tuple[slice, slice]:
     return slices[0], slices[1]
 
 
-def _aim(free: np.ndarray, goal: tuple[int, int], radius: int) -> np.ndarray:
-    """Free cells within ``radius`` of the goal, cells."""
+def _goal_cells(free: np.ndarray, goal: tuple[int, int], radius: int) -> np.ndarray:
+    """Return the mask of free cells within ``radius`` cells of the goal."""
     rows, cols = np.ogrid[: free.shape[0], : free.shape[1]]
     near: np.ndarray = (rows - goal[0]) ** 2 + (cols - goal[1]) ** 2 <= radius**2
     return free & near
@@ -217,7 +220,7 @@ def _aim(free: np.ndarray, goal: tuple[int, int], radius: int) -> np.ndarray:
 
 @njit(cache=True)
 def _near_obstacle(occupied: np.ndarray, path: np.ndarray, reach: int, row0: int, col0: int) -> bool:
-    """Does a path pass within ``reach`` cells of an obstacle, farther than that from where it begins?"""
+    """Return True if a path comes within ``reach`` cells of an obstacle; its surroundings at the start do not count."""
     size = occupied.shape[0]
     for i in range(len(path) - 1):
         steps = max(abs(path[i + 1, 0] - path[i, 0]), abs(path[i + 1, 1] - path[i, 1]))

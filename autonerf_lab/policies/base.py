@@ -1,21 +1,30 @@
-"""What every policy can do."""
+"""Interface of every exploration policy."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from autonerf_lab.types import MapState, Observation
 
 
+@runtime_checkable
 class Policy(Protocol):
-    """Chooses actions from what the robot has seen; knows nothing else of the scene."""
+    """Policy that chooses actions from the robot's map and its observation; it gets no other data of the scene.
+
+    A policy of your own needs only these three members; see ``examples/policy_plugin``.
+    """
 
     @property
     def waypoint(self) -> np.ndarray | None:
-        """(2,) world x, y the robot is heading for; None for a policy without waypoints."""
+        """Current waypoint, (2,) world x, y in metres; None for a policy without waypoints."""
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin an episode; all randomness comes from ``rng``."""
+        """Begin an episode. All random numbers of the episode come from ``rng``."""
 
     def act(self, map: MapState, observation: Observation) -> int:
-        """The next :class:`~autonerf_lab.types.Action`; ``map`` already holds ``observation``."""
+        """Return the next :class:`~autonerf_lab.types.Action`.
+
+        Args:
+            map: map of the episode, which already contains ``observation``. Read-only.
+            observation: last observation. Read-only.
+        """

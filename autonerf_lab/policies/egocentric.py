@@ -1,7 +1,7 @@
-"""What an end-to-end policy sees: the image, and the map as it lies around the robot, at two scales.
+"""Policy interface of the end-to-end policies: the image, and the map in the robot's frame at two scales.
 
 Ramakrishnan et al. 2021, "An Exploration of Embodied Visual Exploration", section 4: RGB, a fine and a coarse
-egocentric occupancy map, the last action and whether it collided.
+egocentric occupancy map, the last action and its collision flag.
 """
 
 from typing import Any
@@ -16,30 +16,31 @@ from autonerf_lab.policies.interfaces import pooled
 from autonerf_lab.types import Action, MapState, Observation
 
 
-class EgocentricView:
-    """An image of 84 x 84 pixels, and 32 x 32 blocks of the map, ahead up, 4 m and 16 m wide.
+class EgocentricInterface:
+    """Interface with an image of 84 x 84 pixels and two egocentric maps of 32 x 32 blocks, 4 m and 16 m wide.
 
-    Observation: ``rgb`` (3, 84, 84) uint8. ``near`` and ``far`` (2, 32, 32) uint8, which share of a block is occupied
-    and explored, 255 = all of it; row 0 is ahead of the robot, column 0 to its left. ``felt`` (4,) float32: the last
-    action, one-hot, and whether it collided.
+    Observation: ``rgb`` (3, 84, 84) uint8. ``near`` and ``far`` (2, 32, 32) uint8, the occupied and the explored share
+    of each block, 255 = all of it; row 0 is ahead of the robot, column 0 to its left. ``felt`` (4,) float32: the last
+    action, one-hot, and its collision flag.
 
     Example:
         >>> from autonerf_lab.geometry import planar_pose
         >>> from autonerf_lab.mapping import empty_map
         >>> pose = planar_pose(0, 0, 0)
         >>> blank = Observation(np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8)), np.zeros((8, 8)), pose)
-        >>> seen = EgocentricView().see(empty_map(pose), blank, last=Action.TURN_LEFT)
-        >>> seen["near"].shape, seen["felt"].tolist()
+        >>> obs = EgocentricInterface().observe(empty_map(pose), blank, last=Action.TURN_LEFT)
+        >>> obs["near"].shape, obs["felt"].tolist()
         ((2, 32, 32), [0.0, 1.0, 0.0, 0.0])
     """
 
-    follow = 1  # actions a decision
-    cell = 0.1  # metres, of the maps it is trained on; finer ones are pooled
+    follow = 1  # actions per decision
+    initial_turns = 0
+    cell = 0.1  # metres, cell of the maps that it is trained on; finer maps are pooled
     IMAGE = 84
     GRID = 32
-    NEAR = 4.0  # metres a side
-    FAR = 16.0
-    SIDE = 240  # cells around the robot, which hold the far square however it is turned
+    NEAR = 4.0  # metres, side of the fine map
+    FAR = 16.0  # metres, side of the coarse map
+    SIDE = 240  # cells around the robot, enough for the coarse map at any heading
     FELT = len(Action) + 1
 
     observation_space = spaces.Dict(
@@ -52,8 +53,8 @@ class EgocentricView:
     )
     action_space = spaces.Discrete(len(Action))
 
-    def see(self, map: MapState, observation: Observation, last: int | None) -> dict[str, Any]:
-        """The observation; ``map`` holds it already, ``last`` is the action before it, None at the start."""
+    def observe(self, map: MapState, observation: Observation, last: int | None) -> dict[str, Any]:
+        """Encode a map, the observation it already contains, and the action before it (None at the start)."""
         rgb = observation.rgb
         if rgb.shape[:2] != (self.IMAGE, self.IMAGE):
             rgb = np.asarray(Image.fromarray(rgb).resize((self.IMAGE, self.IMAGE), Image.Resampling.BOX))
@@ -78,24 +79,24 @@ class EgocentricView:
 def egocentric_shares(
     channels: np.ndarray, x: float, y: float, heading: float, grid: int, width: float, samples: int
 ) -> np.ndarray:
-    """A square of a map around a place, turned so that the heading points up.
+    """Resample a square of a map, rotated so that the heading points up.
 
     Args:
         channels: (C, M, M) bool, rows of growing y.
-        x: of the place, cells.
-        y: of the place, cells.
+        x: centre of the square, cells.
+        y: centre of the square, cells.
         heading: radians, counter-clockwise from +x.
-        grid: G, blocks a side of the result.
-        width: of the square, cells of the map.
-        samples: along each side of a block.
+        grid: G, blocks along each side of the result.
+        width: side of the square, cells.
+        samples: samples along each side of a block.
 
     Returns:
-        (C, G, G) uint8, the share of a block that is set, 255 = all of it; nothing is set outside the map.
+        (C, G, G) uint8, the set share of each block, 255 = all of it; cells outside the map are not set.
 
     Example:
         >>> channels = np.zeros((1, 4, 4), np.bool_)
-        >>> channels[0, 2, 3] = True  # to the right of the middle, just above it
-        >>> egocentric_shares(channels, 2.0, 2.0, 0.0, 4, 4.0, 1)[0].tolist()  # looking right: ahead, on the left
+        >>> channels[0, 2, 3] = True  # x from 3 to 4, y from 2 to 3
+        >>> egocentric_shares(channels, 2.0, 2.0, 0.0, 4, 4.0, 1)[0].tolist()  # heading +x: ahead, to the left
         [[0, 255, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]
     """
     count, size = channels.shape[0], channels.shape[1]

@@ -1,10 +1,10 @@
-"""Frontier exploration (Yamauchi 1997), as strong as we could make it: the rival the learned policies have to beat.
+"""Frontier exploration (Yamauchi 1997): the strong baseline for the learned policies.
 
-A frontier is free ground next to ground nobody has seen. Every contour of frontier cells is worth the unseen area that
-could be looked at from it and costs the steps to get there; the robot walks to the best ratio. It chooses again when it
-has arrived, when what it was going to see has been seen on the way, when something better turns up, when the way is
-blocked twice, and after 200 steps. When nothing is left to discover it walks to where it sees known ground from new
-directions, which is what a radiance field asks for.
+A frontier is free ground next to unexplored ground. The gain of a contour of frontier cells is the unexplored area
+visible from it, its cost the number of steps to reach it; the target is the contour with the best ratio. The policy
+chooses a new target when it has reached the last one, when most of its gain has been seen on the way, when another
+target is much better, when the path was blocked twice, and after 200 steps. When nothing is left to discover, the
+targets are positions that see explored ground from new directions, which improves a radiance field.
 """
 
 from dataclasses import dataclass
@@ -28,40 +28,40 @@ from autonerf_lab.policies.information_gain import RAYS, new_views, unknown_area
 from autonerf_lab.types import Action, MapState, Observation
 
 _FULL_TURN = round(2 * np.pi / TURN_ANGLE)
-_NEAR = 0.5  # metres, where the depth sensor begins
-_REACH = 3.0  # metres, how far ahead unseen ground is promised
-_VIEW_REACH = 4.0  # metres, for new directions on known ground
-_MIN_GAIN = 0.2  # square metres: less is the crack behind a cupboard
+_NEAR = 0.5  # metres, minimum range of the depth sensor
+_REACH = 3.0  # metres, range of the gain in unexplored ground
+_VIEW_REACH = 4.0  # metres, range of the gain in new directions on explored ground
+_MIN_GAIN = 0.2  # m²; smaller gains are gaps behind furniture
 _MIN_CONTOUR = 0.25  # metres
-_SPENT = 0.35  # of the promised gain: when less is left, the waypoint has done its work
-_BETTER = 1.5  # times the utility of the present waypoint: worth turning round for
-_RECONSIDER = 12  # steps
-_MAX_STEPS = 200
+_SPENT = 0.35  # share of the initial gain below which a target is dropped
+_BETTER = 1.5  # minimum ratio of utilities for a change of target
+_RECONSIDER = 12  # steps between two comparisons with other targets
+_MAX_STEPS = 200  # per target
 _ARRIVED = 0.35  # metres
-_OVERHEAD = 4.0  # steps that every new waypoint costs: turning, starting
-_CANDIDATES = 48  # places that are compared when nothing is left to discover
+_OVERHEAD = 4.0  # steps, fixed cost of a new target
+_CANDIDATES = 48  # random positions that are compared when nothing is left to discover
 
 
 @dataclass(frozen=True)
 class Target:
-    """A waypoint and what it was chosen for."""
+    """Waypoint with its gain and utility."""
 
-    cell: tuple[int, int]
-    point: np.ndarray  # (2,) world x, y
-    gain: float  # square metres
-    utility: float  # square metres a step
-    discovers: bool  # unseen ground; else new directions on known ground
+    cell: tuple[int, int]  # row, column
+    point: np.ndarray  # (2,) world x, y, metres
+    gain: float  # m²
+    utility: float  # m² per step
+    discovers: bool  # True: the gain is unexplored ground; False: new directions on explored ground
 
 
 class Frontier:
-    """Frontier exploration with the local policy."""
+    """Frontier exploration; the local policy follows the waypoints."""
 
     def __init__(self) -> None:
         self.reset(np.random.default_rng(0))
 
     @property
     def waypoint(self) -> np.ndarray | None:
-        """(2,) world x, y, None before the first."""
+        """Current waypoint, (2,) world x, y in metres; None before the first."""
         return None if self._target is None else self._target.point
 
     def reset(self, rng: np.random.Generator) -> None:
@@ -69,14 +69,14 @@ class Frontier:
         self._rng = rng
         self._local = LocalPolicy()
         self._target: Target | None = None
-        self._given_up: np.ndarray | None = None  # (M, M) bool, frontier cells that stayed one when visited
-        self._spin = _FULL_TURN - 1  # a look around from the start costs less than a walk to what is behind
+        self._given_up: np.ndarray | None = None  # (M, M) bool, frontier cells that a visit did not resolve
+        self._spin = _FULL_TURN - 1  # left turns at the start: cheaper than a path to frontiers behind the robot
         self._age = 0
         self._looks = 0
         self._failures = 0
 
     def act(self, map: MapState, observation: Observation) -> int:
-        """The next action."""
+        """Return the next action."""
         if self._given_up is None or self._given_up.shape != map.explored.shape:
             self._given_up = np.zeros_like(map.explored)
         if self._spin > 0:
@@ -86,7 +86,7 @@ class Frontier:
         self._review(map)
         if self._target is None:
             self._choose(map)
-        if self._target is None:  # walled in on all sides
+        if self._target is None:  # no reachable target
             return Action.TURN_LEFT
         if self._distance(map, self._target) < _ARRIVED or self._local.arrived:
             look = self._look(map, self._target)
@@ -99,7 +99,7 @@ class Frontier:
         return self._local.act(map, self._target.point)
 
     def _review(self, map: MapState) -> None:
-        """Drop the target when it has served or failed; exchange it for a much better one."""
+        """Drop the target if it is spent or has failed; replace it by a much better one."""
         target = self._target
         if target is None:
             return
@@ -110,9 +110,10 @@ class Frontier:
         elif target.discovers and self._gain(map, target.cell).sum() < max(_SPENT * target.gain, _MIN_GAIN):
             self._target = None
         elif target.discovers and self._age % _RECONSIDER == 0:
-            self._choose(map, keep=target)
+            self._choose(map, current=target)
 
     def _give_up(self, map: MapState, target: Target) -> None:
+        """Drop the target and exclude the frontier cells around it."""
         assert self._given_up is not None
         if target.discovers:
             rows, cols = np.ogrid[: len(map.explored), : len(map.explored)]
@@ -121,53 +122,56 @@ class Frontier:
         self._target = None
 
     def _look(self, map: MapState, target: Target) -> int | None:
-        """At the waypoint: turn to where most is left to see; None when it was seen."""
+        """Return the turn at the waypoint towards the largest remaining gain; None if little gain is left."""
         x, y, heading = planar_from_pose(map.pose)
         row, col = (int(i) for i in world_to_cell(np.array([x, y]), map.origin, map.cell))
         gain = self._gain(map, (row, col)) if target.discovers else self._views(map, (row, col))
         if self._looks >= _FULL_TURN or gain.sum() < (_MIN_GAIN if target.discovers else _SPENT * target.gain):
             return None
-        # The field of view is 90 degrees: what a quarter turn of rays around each direction would show.
+        # The field of view is 90 degrees: sum the gain over a quarter of the rays for each direction.
         quarter = RAYS // 4
         in_view = np.convolve(np.append(gain, gain[: quarter - 1]), np.ones(quarter), "valid")
         middle = 2 * np.pi * (np.arange(RAYS) + quarter / 2) / RAYS
         error = wrap_angle(middle[int(np.argmax(in_view))] - heading)
         if abs(error) <= TURN_ANGLE / 2 + 1e-6:
-            return None  # it is looking there, and still does not see it
+            return None  # the robot faces the gain already and cannot see it
         self._looks += 1
         return Action.TURN_LEFT if error > 0 else Action.TURN_RIGHT
 
-    def _choose(self, map: MapState, keep: Target | None = None) -> None:
-        """Set the best target; ``keep`` stays unless another is much better."""
-        distance = travel_from_robot(map)
+    def _choose(self, map: MapState, current: Target | None = None) -> None:
+        """Set the best target; ``current`` stays unless another target is much better."""
+        distance = path_lengths_from_robot(map)
         found = self._best_frontier(map, distance)
-        if keep is not None:
-            steps = distance[keep.cell]
-            now = self._gain(map, keep.cell).sum() / self._steps(map, keep.cell, steps) if np.isfinite(steps) else 0.0
-            if found is None or found.utility < _BETTER * now:
+        if current is not None:
+            metres, utility = distance[current.cell], 0.0
+            if np.isfinite(metres):
+                utility = self._gain(map, current.cell).sum() / self._steps(map, current.cell, metres)
+            if found is None or found.utility < _BETTER * utility:
                 return
         self._target = found or self._best_view(map, distance)
         self._age = self._looks = self._failures = 0
 
     def _best_frontier(self, map: MapState, distance: np.ndarray) -> Target | None:
+        """Return the frontier contour of highest utility."""
         assert self._given_up is not None
         reachable = np.isfinite(distance)
         frontier = _border(map.explored) & ~map.occupied & ~self._given_up
-        # Obstacles grown by the radius of the body may part a frontier from the ground it is seen from, no wider.
+        # Dilated obstacles may separate a frontier from the reachable ground, by at most this margin.
         frontier &= dilate(_border(reachable), AGENT_RADIUS / map.cell + 2) | reachable
         labels, _ = ndimage.label(frontier, np.ones((3, 3)))
         best: Target | None = None
-        stand = np.argwhere(reachable)
+        standing = np.argwhere(reachable)
         for number, box in enumerate(ndimage.find_objects(labels), start=1):
             cells = np.argwhere(labels[box] == number) + np.array([box[0].start, box[1].start])
             if len(cells) * map.cell < _MIN_CONTOUR:
                 continue
-            middle = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))]
-            cell = tuple(int(i) for i in stand[np.argmin(((stand - middle) ** 2).sum(axis=1))])
+            centre = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))]
+            cell = tuple(int(i) for i in standing[np.argmin(((standing - centre) ** 2).sum(axis=1))])
             best = self._better(map, best, (cell[0], cell[1]), distance, discovers=True)
         return best
 
     def _best_view(self, map: MapState, distance: np.ndarray) -> Target | None:
+        """Return the best of several random reachable positions by the area seen from new directions."""
         cells = np.argwhere(np.isfinite(distance) & (distance > 0))
         best: Target | None = None
         if len(cells):
@@ -184,6 +188,7 @@ class Frontier:
         *,
         discovers: bool,
     ) -> Target | None:
+        """Return ``best``, or a target at ``cell`` if its utility is higher."""
         gain = float((self._gain(map, cell) if discovers else self._views(map, cell)).sum())
         if discovers and gain < _MIN_GAIN:
             return best
@@ -193,16 +198,19 @@ class Frontier:
         return Target(cell, cell_to_world(np.array(cell), map.origin, map.cell), gain, utility, discovers)
 
     def _steps(self, map: MapState, cell: tuple[int, int], metres: float) -> float:
+        """Estimate the number of actions to a cell at the end of a path of this length."""
         x, y, heading = planar_from_pose(map.pose)
         point = cell_to_world(np.array(cell), map.origin, map.cell)
         turn = abs(wrap_angle(float(np.arctan2(point[1] - y, point[0] - x)) - heading))
         return metres / FORWARD_STEP + turn / TURN_ANGLE + _OVERHEAD
 
     def _gain(self, map: MapState, cell: tuple[int, int]) -> np.ndarray:
+        """Return the unexplored area visible from a cell, (RAYS,) m²."""
         rays = unknown_area(map.explored, map.occupied, *cell, _NEAR / map.cell, _REACH / map.cell)
         return rays * map.cell**2
 
     def _views(self, map: MapState, cell: tuple[int, int]) -> np.ndarray:
+        """Return the area visible from a cell in a new direction, (RAYS,) m²."""
         return (
             new_views(map.explored, map.occupied, map.viewpoints, *cell, _NEAR / map.cell, _VIEW_REACH / map.cell)
             * map.cell**2
@@ -212,13 +220,16 @@ class Frontier:
         return float(np.linalg.norm(map.pose[:2, 3] - target.point))
 
 
-def travel_from_robot(map: MapState) -> np.ndarray:
-    """(M, M) metres from the robot over explored ground that its body fits on; infinite elsewhere.
+def path_lengths_from_robot(map: MapState) -> np.ndarray:
+    """Compute path lengths from the robot over explored ground with clearance for its body.
+
+    Returns:
+        (M, M) float64, metres; inf for unreachable cells.
 
     Example:
         >>> from autonerf_lab.geometry import planar_pose
         >>> from autonerf_lab.mapping import empty_map
-        >>> bool(np.isinf(travel_from_robot(empty_map(planar_pose(0, 0, 0)))).all())  # nothing is explored yet
+        >>> bool(np.isinf(path_lengths_from_robot(empty_map(planar_pose(0, 0, 0)))).all())  # nothing is explored yet
         True
     """
     radius = round(AGENT_RADIUS / map.cell)
@@ -228,7 +239,7 @@ def travel_from_robot(map: MapState) -> np.ndarray:
 
 
 def _border(mask: np.ndarray) -> np.ndarray:
-    """Set cells with an unset one above, below, left or right."""
+    """Return the set cells with at least one unset 4-neighbour."""
     inner = mask.copy()
     inner[1:] &= mask[:-1]
     inner[:-1] &= mask[1:]

@@ -1,32 +1,32 @@
-"""What a robot would see of its own map from somewhere else: rays over the grid.
+"""Expected gain of a view from a cell of the map, by ray casting on the grid.
 
-A ray runs from a cell until an obstacle stops it. A step of it stands for the ground between it and its neighbours, so
-that the sums over rays are areas.
+A ray runs from a cell to the first obstacle. Each step of a ray represents the area between it and the neighbouring
+rays, so sums over rays are areas.
 """
 
 import numpy as np
 from numba import njit
 
 RAYS = 72  # directions, counter-clockwise from world +x
-SPARSE = 2
+SPARSE = 2  # :func:`panoramic_gain` casts every second ray
 
 
 @njit(cache=True)
 def unknown_area(
     explored: np.ndarray, occupied: np.ndarray, row: int, col: int, near: float, reach: float
 ) -> np.ndarray:
-    """Unexplored ground that could be seen from a cell.
+    """Compute the unexplored area visible from a cell.
 
     Args:
         explored: (M, M) bool.
         occupied: (M, M) bool.
-        row: of the cell.
-        col: of the cell.
-        near: cells; ground nearer than this is not seen.
-        reach: cells; nor is ground farther than this.
+        row: row of the cell.
+        col: column of the cell.
+        near: minimum distance that counts, cells.
+        reach: maximum distance that counts, cells.
 
     Returns:
-        (RAYS,) area in each direction, cells.
+        (RAYS,) float64, area in each direction, cells.
     """
     area = np.zeros(RAYS)
     size = explored.shape[0]
@@ -54,10 +54,10 @@ def new_views(
     near: float,
     reach: float,
 ) -> np.ndarray:
-    """Explored ground that has never been seen from the direction of a cell: as :func:`unknown_area`.
+    """Compute the explored area that would be seen from a new direction.
 
-    ``viewpoints`` is (12, M, M) bool. A ray counts the obstacle that stops it, several cells deep: surfaces are what
-    views are for.
+    Arguments and result as in :func:`unknown_area`, with ``viewpoints`` (12, M, M) bool. The obstacle cell that ends a
+    ray counts four times, because surfaces matter most for a radiance field.
     """
     area = np.zeros(RAYS)
     size = explored.shape[0]
@@ -65,7 +65,7 @@ def new_views(
     for k in range(RAYS):
         angle = 2 * np.pi * (k + 0.5) / RAYS
         dr, dc = np.sin(angle), np.cos(angle)
-        seen_from = int(((k + 0.5) / RAYS + 0.5) % 1.0 * bins)  # the direction back to the cell
+        seen_from = int(((k + 0.5) / RAYS + 0.5) % 1.0 * bins)  # direction from the seen cell back to (row, col)
         distance = 1.0
         while distance <= reach:
             r, c = int(np.floor(row + 0.5 + dr * distance)), int(np.floor(col + 0.5 + dc * distance))
@@ -80,18 +80,18 @@ def new_views(
 
 
 @njit(cache=True, nogil=True)
-def outlook(explored: np.ndarray, occupied: np.ndarray, viewpoints: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """What a robot that turned around would see from each of several places, in every ``SPARSE``-th direction.
+def panoramic_gain(explored: np.ndarray, occupied: np.ndarray, viewpoints: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Compute the gain of a full turn at each of several cells, from every ``SPARSE``-th ray.
 
     Args:
         explored: (M, M) bool.
         occupied: (M, M) bool.
         viewpoints: (12, M, M) bool.
-        cells: (K, 2) places, row and column.
+        cells: (K, 2) rows and columns.
 
     Returns:
-        (K, 3) float32, cells: unseen ground up to the first obstacle; ground that was seen, but never from there;
-        obstacle cells that were never seen from there. Rays are as long as the depth sensor sees on a map of 10 cm.
+        (K, 3) float32, cells: unexplored ground up to the first obstacle; explored ground seen from a new direction;
+        obstacles seen from a new direction. Rays have the range of the depth sensor on a map with cells of 10 cm.
     """
     size, bins = explored.shape[0], viewpoints.shape[0]
     rays = RAYS // SPARSE

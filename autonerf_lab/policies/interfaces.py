@@ -1,8 +1,8 @@
-"""What a modular policy sees of the map, and how it names a waypoint: the same in training and on a walk.
+"""Policy interfaces of the modular policies: how a map becomes an observation, and an action becomes a waypoint.
 
-``PaperView`` is that of the paper and its released code: stacked maps around the robot, a heading bin, a waypoint
-anywhere in the window. ``CompactView`` is what learns on two cores: coarser maps, and a choice among the places the
-robot can reach, each with the way there and what could be seen from it.
+Training and rollouts use the same interface. ``PaperInterface`` follows the paper and its released code: stacked maps
+around the robot, a heading bin, and a waypoint anywhere in the window. ``CompactInterface`` can be trained on two CPU
+cores: coarser maps, and a choice among the positions that the robot can reach.
 """
 
 from typing import Any, Protocol
@@ -22,126 +22,133 @@ from autonerf_lab.geometry import (
 from autonerf_lab.mapping.semantic_map import VIEWPOINT_BINS
 from autonerf_lab.planning.dilation import dilate
 from autonerf_lab.planning.fast_marching import travel_distance
-from autonerf_lab.policies.information_gain import outlook
+from autonerf_lab.policies.information_gain import panoramic_gain
 from autonerf_lab.types import MapState
 
-HEADINGS = 72
-FOLLOW_STEPS = 25  # actions of the local policy a waypoint, in the paper
-WINDOW_METRES = 12.0  # side of the part of the map around the robot
-MAP_WINDOWS = 3  # side of the whole map, in windows: no apartment is longer than half of it
+HEADING_BINS = 72
+FOLLOW_STEPS = 25  # actions of the local policy per waypoint, in the paper
+WINDOW_METRES = 12.0  # side of the window of the map around the robot
+MAP_WINDOWS = 3  # side of the whole map, in windows: an apartment is at most half as long
 
 
-class View(Protocol):
+class PolicyInterface(Protocol):
     """Observations and actions of a global policy."""
 
-    cell: float  # metres, of the maps it is trained on; finer ones are pooled
-    follow: int  # actions of the local policy until the next waypoint, at most
-    arrival: float  # metres from a waypoint at which the next is due; 0: only time decides
-    opening: int  # turns on the spot before the first waypoint
+    cell: float  # metres, cell of the maps that it is trained on; finer maps are pooled
+    follow: int  # maximum number of actions of the local policy per waypoint
+    arrival: float  # metres; a waypoint at this distance counts as reached. 0: only ``follow`` ends a waypoint
+    initial_turns: int  # left turns at the start position before the first waypoint
     observation_space: spaces.Dict
     action_space: spaces.Space[Any]
 
     def reset(self) -> None:
         """Begin an episode."""
 
-    def see(self, map: MapState) -> dict[str, Any]:
-        """The observation of a map."""
+    def observe(self, map: MapState) -> dict[str, Any]:
+        """Encode a map as an observation."""
 
-    def waypoint(self, action: Any, map: MapState) -> np.ndarray:
-        """(2,) world x, y of an action that was chosen for this map."""
+    def to_waypoint(self, action: Any, map: MapState) -> np.ndarray:
+        """Decode an action that was chosen for this map: (2,) world x, y in metres."""
 
-    def action(self, point: np.ndarray, map: MapState) -> Any:
-        """The action that leads nearest to a point, (2,) world x, y; None where none leads near."""
+    def to_action(self, point: np.ndarray, map: MapState) -> Any:
+        """Encode a point, (2,) world x, y, as the action that leads nearest to it; None if no action leads near."""
 
 
-class PaperView:
-    """Section 3.1 and the released code: W x W cells around the robot, 12 m wide.
+class PaperInterface:
+    """Interface of section 3.1 and of the released code: a window of W x W cells around the robot, 12 m wide.
 
-    Observation: ``map``, see :func:`global_input`; ``heading``, one of 72 bins, counter-clockwise from +x. Action: (2,)
-    in [-1, 1], x and y across the window; 0 is its middle.
+    Observation: ``map``, see :func:`stack_maps`; ``heading``, one of 72 bins, counter-clockwise from +x. Action: (2,)
+    in [-1, 1], x and y across the window; 0 is its centre.
 
     Args:
-        window: W; 240 are cells of 5 cm.
+        window: W; 240 gives cells of 5 cm.
         viewpoints: add the viewpoint channels, which only the reward ``view`` needs.
     """
 
     def __init__(self, window: int = 240, viewpoints: bool = False) -> None:
         self.window, self._viewpoints = window, viewpoints
-        self.follow, self.arrival, self.opening = FOLLOW_STEPS, 0.0, 0
+        self.follow, self.arrival, self.initial_turns = FOLLOW_STEPS, 0.0, 0
         self.cell = WINDOW_METRES / window
         self.channels = 8 + NUM_CLASSES + 2 * VIEWPOINT_BINS * viewpoints
         self.action_space: spaces.Space[Any] = spaces.Box(-1, 1, (2,), np.float32)
         self.observation_space = spaces.Dict(
-            {"map": spaces.Box(0, 1, (self.channels, window, window), np.uint8), "heading": spaces.Discrete(HEADINGS)}
+            {
+                "map": spaces.Box(0, 1, (self.channels, window, window), np.uint8),
+                "heading": spaces.Discrete(HEADING_BINS),
+            }
         )
 
     def reset(self) -> None:
-        """There is nothing to forget."""
+        """Do nothing: this interface has no state."""
 
-    def see(self, map: MapState) -> dict[str, Any]:
-        """Stacked maps and the heading."""
+    def observe(self, map: MapState) -> dict[str, Any]:
+        """Return the stacked maps and the heading bin."""
         heading = planar_from_pose(map.pose)[2] % (2 * np.pi)
         return {
-            "map": global_input(map, self.window, self._viewpoints),
-            "heading": np.int64(int(heading / (2 * np.pi) * HEADINGS) % HEADINGS),
+            "map": stack_maps(map, self.window, self._viewpoints),
+            "heading": np.int64(int(heading / (2 * np.pi) * HEADING_BINS) % HEADING_BINS),
         }
 
-    def waypoint(self, action: np.ndarray, map: MapState) -> np.ndarray:
-        """Where in the window the action points."""
-        rows, cols = window_of(map, self.window)
+    def to_waypoint(self, action: np.ndarray, map: MapState) -> np.ndarray:
+        """Return the point of the window that the action selects."""
+        rows, cols = window_slices(map, self.window)
         inside = (np.clip(np.asarray(action, np.float64), -1, 1) + 1) / 2 * self.window
         return map.origin + (inside + np.array([cols.start, rows.start])) * map.cell
 
-    def action(self, point: np.ndarray, map: MapState) -> np.ndarray:
-        """Where the point lies in the window, or the border next to it."""
-        rows, cols = window_of(map, self.window)
+    def to_action(self, point: np.ndarray, map: MapState) -> np.ndarray:
+        """Return the point in window coordinates, clipped to the border of the window."""
+        rows, cols = window_slices(map, self.window)
         inside = (point - map.origin) / map.cell - np.array([cols.start, rows.start])
         return np.clip(inside / self.window * 2 - 1, -1, 1).astype(np.float32)
 
 
-class CompactView:
-    """16 m around the robot in 32 x 32 blocks of 50 cm; a waypoint is a block.
+class CompactInterface:
+    """Interface over 16 m around the robot in 32 x 32 blocks of 50 cm; a waypoint is a block.
 
-    Observation: ``map`` (19, 32, 32) float32, the share of each block that is occupied, explored, visited, of the 15
-    classes, and occupied without a class. ``heading`` (2,), its cosine and sine. ``reach`` (6, 32, 32) float32, about
-    one place a block, that of the reachable ground nearest to its middle, 0.6 m or more away, where up to 1.5 m of what
-    nobody has seen are taken for free (who stops where the known ends does not get on):
+    Each block has at most one candidate position: the reachable cell nearest to its centre, at least 0.6 m from the
+    robot. Up to 1.5 m of unexplored ground count as free, because waypoints exactly on the border of the explored area
+    discover little.
 
-    0. whether there is one; 1. the way there, 10 m;
-    2. to 4. by :func:`~autonerf_lab.policies.information_gain.outlook` what could be seen from it, 10 m²: unseen
-       ground, ground from new directions, obstacles from new directions;
-    5. log(1 + how often it, or a place near it, was chosen from so near that one decision leads there): what was tried
-       and still promises much is a gap in the map, and a place that is far is chosen again and again on the way.
+    Observation: ``map`` (19, 32, 32) float32, the share of each block that is occupied, explored, visited, of each of
+    the 15 classes, and occupied without a class. ``heading`` (2,), its cosine and sine. ``reach`` (6, 32, 32) float32,
+    the candidate position of each block:
 
-    Action: the block, row times 32 plus column.
+    * channel 0: 1 if the block has a candidate, else 0;
+    * channel 1: path length from the robot, 10 m;
+    * channels 2 to 4: gain at the candidate by :func:`~autonerf_lab.policies.information_gain.panoramic_gain`, 10 m²:
+      unexplored ground, ground from new directions, obstacles from new directions;
+    * channel 5: log(1 + n), n = number of previous waypoints near the candidate, weighted by distance. Only waypoints
+      count that one decision can reach. A tried candidate that still has a large gain is usually a gap in the map.
+
+    Action: index of the block, row times 32 plus column.
 
     Args:
-        follow: actions of the local policy until the next waypoint, at most.
-        arrival: metres from a waypoint at which the next is due: who waits for the end of his time only turns about.
+        follow: maximum number of actions of the local policy per waypoint.
+        arrival: metres; a waypoint at this distance counts as reached, and the next one is chosen.
 
     Example:
         >>> from autonerf_lab.geometry import planar_pose
         >>> from autonerf_lab.mapping import empty_map
-        >>> view, map = CompactView(), empty_map(planar_pose(0, 0, 0))
-        >>> seen = view.see(map)
-        >>> seen["reach"][0, 16, 10:22].astype(int)  # the robot knows nothing but where it stands
+        >>> interface, map = CompactInterface(), empty_map(planar_pose(0, 0, 0))
+        >>> observation = interface.observe(map)
+        >>> observation["reach"][0, 16, 10:22].astype(int)  # only the robot's own position is known
         array([0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0, 0])
-        >>> view.waypoint(16 * 32 + 18, map)
+        >>> interface.to_waypoint(16 * 32 + 18, map)
         array([1.25, 0.25])
     """
 
     cell = 0.1
-    opening = 9  # turns of 30 degrees, and eyes of 90 have seen all around; frontier exploration begins so too
-    SIDE = 160  # cells of the window
+    initial_turns = 9  # of 30 degrees: with a field of view of 90 degrees the robot sees all directions
+    SIDE = 160  # cells a side of the window
     BLOCK = 5  # cells a side of a block
     GRID = SIDE // BLOCK
     CHANNELS = 3 + NUM_CLASSES
-    REACH = 6  # channels of what is known about a place
-    CLEAR = 1.5  # cells around an obstacle where the body does not fit: more, and gaps of half a metre would be closed
-    BEYOND = 15  # cells into the unknown
-    NEAR = 0.5  # metres between places that are tried together
-    ACROSS = 0.5  # metres from a point to the place that stands for it
-    AWAY = 0.6  # metres from the robot to the nearest place: who chooses where he stands chooses again at once
+    REACH = 6  # channels of ``reach``
+    CLEARANCE = 1.5  # cells around an obstacle that the body cannot enter; a larger value closes gaps of half a metre
+    UNKNOWN_MARGIN = 15  # cells of unexplored ground that count as free
+    TRIED_RADIUS = 0.5  # metres, standard deviation of the weight of previous waypoints
+    MATCH_RADIUS = 0.5  # metres from a point to the candidate that represents it
+    MIN_DISTANCE = 0.6  # metres from the robot to the nearest candidate: a waypoint at the robot ends at once
 
     def __init__(self, follow: int = 12, arrival: float = 0.35) -> None:
         self.follow, self.arrival = follow, arrival
@@ -156,96 +163,96 @@ class CompactView:
         )
 
     def reset(self) -> None:
-        """Forget the waypoints of the last episode."""
-        self._chosen: list[np.ndarray] = []
+        """Clear the waypoints of the last episode."""
+        self._tried: list[np.ndarray] = []
 
-    def see(self, map: MapState) -> dict[str, Any]:
-        """Maps, reachable places and the heading."""
+    def observe(self, map: MapState) -> dict[str, Any]:
+        """Return the maps, the candidate positions and the heading."""
         known = self._known(map)
         top, left, factor = self._window(map)
         classes = pooled(map.semantics, top, left, self.SIDE, factor)
-        nameless = known[0] & ~classes.any(axis=0)
+        unclassified = known[0] & ~classes.any(axis=0)
         viewpoints = pooled(map.viewpoints, top, left, self.SIDE, factor)
-        places, distance = self._places(known)
-        there = places[..., 0] >= 0
-        cells = places[there]
+        candidates, distance = self._candidates(known)
+        valid = candidates[..., 0] >= 0
+        cells = candidates[valid]
         reach = np.zeros((self.REACH, self.GRID, self.GRID), np.float32)
-        reach[0] = there
-        reach[1][there] = distance[tuple(cells.T)] / 10
-        walls = dilate(known[0], 1.5)  # from afar they are seen in dots, which no ray should slip through
-        reach[2:5, there] = outlook(known[1], walls, viewpoints, cells).T * self.cell**2 / 10
-        if self._chosen:
+        reach[0] = valid
+        reach[1][valid] = distance[tuple(cells.T)] / 10
+        walls = dilate(known[0], 1.5)  # distant walls are mapped as separate cells; rays must not pass between them
+        reach[2:5, valid] = panoramic_gain(known[1], walls, viewpoints, cells).T * self.cell**2 / 10
+        if self._tried:
             points = self._points(cells, map)
-            away = ((points[:, None] - np.array(self._chosen)[None]) ** 2).sum(axis=2)
-            reach[5][there] = np.log1p(np.exp(-away / (2 * self.NEAR**2)).sum(axis=1))
+            squared = ((points[:, None] - np.array(self._tried)[None]) ** 2).sum(axis=2)
+            reach[5][valid] = np.log1p(np.exp(-squared / (2 * self.TRIED_RADIUS**2)).sum(axis=1))
         heading = planar_from_pose(map.pose)[2]
         return {
-            "map": block_shares(np.concatenate([known, classes, nameless[None]]), self.BLOCK),
+            "map": block_shares(np.concatenate([known, classes, unclassified[None]]), self.BLOCK),
             "reach": reach,
             "heading": np.array([np.cos(heading), np.sin(heading)], np.float32),
         }
 
-    def waypoint(self, action: int, map: MapState) -> np.ndarray:
-        """The place of a block, or the middle of the block where there is none; if near, it is remembered as chosen."""
+    def to_waypoint(self, action: int, map: MapState) -> np.ndarray:
+        """Return the candidate of a block, or the block's centre; record it if one decision reaches it."""
         row, col = divmod(int(action), self.GRID)
-        places, distance = self._places(self._known(map))
-        place = places[row, col]
-        if place[0] < 0:
-            place = np.array([row, col]) * self.BLOCK + self.BLOCK // 2
-        point = self._points(place, map)
-        if distance[tuple(place)] <= self.follow * FORWARD_STEP:
-            self._chosen.append(point)
+        candidates, distance = self._candidates(self._known(map))
+        cell = candidates[row, col]
+        if cell[0] < 0:
+            cell = np.array([row, col]) * self.BLOCK + self.BLOCK // 2
+        point = self._points(cell, map)
+        if distance[tuple(cell)] <= self.follow * FORWARD_STEP:
+            self._tried.append(point)
         return point
 
-    def action(self, point: np.ndarray, map: MapState) -> int | None:
-        """The block whose place is nearest to the point, within half a metre."""
-        places = self._places(self._known(map))[0]
-        blocks = np.argwhere(places[..., 0] >= 0)
-        away = np.linalg.norm(self._points(places[tuple(blocks.T)], map) - point, axis=1)
-        row, col = blocks[np.argmin(away)]
-        return int(row * self.GRID + col) if away.min() <= self.ACROSS else None
+    def to_action(self, point: np.ndarray, map: MapState) -> int | None:
+        """Return the block whose candidate is nearest to the point; None if it is farther than 0.5 m."""
+        candidates = self._candidates(self._known(map))[0]
+        blocks = np.argwhere(candidates[..., 0] >= 0)
+        distances = np.linalg.norm(self._points(candidates[tuple(blocks.T)], map) - point, axis=1)
+        row, col = blocks[np.argmin(distances)]
+        return int(row * self.GRID + col) if distances.min() <= self.MATCH_RADIUS else None
 
     def _points(self, cells: np.ndarray, map: MapState) -> np.ndarray:
-        """World x, y of cells of the window."""
+        """Return world x, y of cells of the window."""
         top, left, _ = self._window(map)
         return cell_to_world(cells, map.origin + np.array([left, top]) * map.cell, self.cell)
 
     def _window(self, map: MapState) -> tuple[int, int, int]:
-        """First row and column of the map, maybe outside it, and how many of its cells make one here."""
+        """Return first row and column of the window, which may lie outside the map, and map cells per window cell."""
         factor = max(1, round(self.cell / map.cell))
         robot = world_to_cell(map.pose[:2, 3], map.origin, map.cell) // factor
         top, left = ((int(i) - self.SIDE // 2) * factor for i in robot)
         return top, left, factor
 
     def _known(self, map: MapState) -> np.ndarray:
-        """(3, SIDE, SIDE) bool: occupied, explored, visited."""
+        """Return (3, SIDE, SIDE) bool: occupied, explored, visited."""
         top, left, factor = self._window(map)
         return pooled(np.stack([map.occupied, map.explored, map.visited]), top, left, self.SIDE, factor)
 
-    def _places(self, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(GRID, GRID, 2) cell of each block's place, -1 without one, and the way to every cell, metres."""
+    def _candidates(self, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the candidate cell of each block, (GRID, GRID, 2), -1 without one, and path lengths, metres."""
         occupied, explored, visited = known
         middle = self.SIDE // 2
-        clear = ~dilate(occupied, self.CLEAR)
+        clear = ~dilate(occupied, self.CLEARANCE)
         free = (explored & clear) | visited
         free[middle - 1 : middle + 2, middle - 1 : middle + 2] = True
-        free |= travel_distance(free | (~explored & clear), free) <= self.BEYOND
+        free |= travel_distance(free | (~explored & clear), free) <= self.UNKNOWN_MARGIN
         distance = travel_distance(free, np.array([[middle, middle]]), self.cell)
         reachable = np.isfinite(distance)
-        away = reachable & (distance >= self.AWAY)
-        return _nearest_to_middle(away if away.any() else reachable, self.BLOCK), distance
+        distant = reachable & (distance >= self.MIN_DISTANCE)
+        return _nearest_to_centre(distant if distant.any() else reachable, self.BLOCK), distance
 
 
 @njit(cache=True, nogil=True)
 def pooled(channels: np.ndarray, top: int, left: int, side: int, factor: int) -> np.ndarray:
-    """Maximum of ``factor`` x ``factor`` cells, false outside the map.
+    """Pool a window of a map by the maximum of ``factor`` x ``factor`` cells; false outside the map.
 
     Args:
         channels: (C, M, M) bool.
-        top: first row, may be negative.
-        left: first column, may be negative.
+        top: first row of the window, may be negative.
+        left: first column of the window, may be negative.
         side: cells a side of the result.
-        factor: cells of the map a side of one of the result.
+        factor: map cells a side of one cell of the result.
 
     Returns:
         (C, side, side) bool.
@@ -265,60 +272,72 @@ def pooled(channels: np.ndarray, top: int, left: int, side: int, factor: int) ->
 
 
 @njit(cache=True, nogil=True)
-def _nearest_to_middle(mask: np.ndarray, block: int) -> np.ndarray:
-    """(G, G, 2) set cell of each block that is nearest to its middle, -1 where none is set."""
+def _nearest_to_centre(mask: np.ndarray, block: int) -> np.ndarray:
+    """Return the set cell of each block nearest to its centre, (G, G, 2), -1 for a block without one."""
     grid = mask.shape[0] // block
-    places = np.full((grid, grid, 2), -1, np.int64)
+    found = np.full((grid, grid, 2), -1, np.int64)
     half = (block - 1) / 2
     for i in range(grid):
         for j in range(grid):
             nearest = np.inf
             for r in range(block):
                 for c in range(block):
-                    away = (r - half) ** 2 + (c - half) ** 2
-                    if mask[i * block + r, j * block + c] and away < nearest:
-                        nearest = away
-                        places[i, j, 0], places[i, j, 1] = i * block + r, j * block + c
-    return places
+                    squared = (r - half) ** 2 + (c - half) ** 2
+                    if mask[i * block + r, j * block + c] and squared < nearest:
+                        nearest = squared
+                        found[i, j, 0], found[i, j, 1] = i * block + r, j * block + c
+    return found
 
 
-def done(view: View, waypoint: np.ndarray | None, map: MapState, steps: int) -> bool:
-    """Whether a waypoint that was followed for so many steps, one at least, makes way for the next."""
-    reached = waypoint is not None and float(np.linalg.norm(map.pose[:2, 3] - waypoint)) < view.arrival
-    return steps > 0 and (reached or steps >= view.follow)
+def waypoint_finished(interface: PolicyInterface, waypoint: np.ndarray | None, map: MapState, steps: int) -> bool:
+    """Return True if a waypoint that was followed for ``steps`` actions is reached or has used up its actions."""
+    reached = waypoint is not None and float(np.linalg.norm(map.pose[:2, 3] - waypoint)) < interface.arrival
+    return steps > 0 and (reached or steps >= interface.follow)
 
 
-def window_of(map: MapState, window: int) -> tuple[slice, slice]:
-    """Rows and columns of the map around the robot, who leaves the middle where the map ends."""
+def window_slices(map: MapState, window: int) -> tuple[slice, slice]:
+    """Return the rows and columns of the window centred on the robot, shifted to stay inside the map."""
     size = len(map.explored)
     robot = np.clip(world_to_cell(map.pose[:2, 3], map.origin, map.cell), 0, size - 1)
     top, left = (int(i) for i in np.clip(robot - window // 2, 0, size - window))
     return slice(top, top + window), slice(left, left + window)
 
 
-def place_of(map: MapState) -> np.ndarray:
-    """(M, M) uint8, 1 in the cell the robot is in."""
-    place = np.zeros(map.explored.shape, np.uint8)
-    place[tuple(np.clip(world_to_cell(map.pose[:2, 3], map.origin, map.cell), 0, len(place) - 1))] = 1
-    return place
+def robot_mask(map: MapState) -> np.ndarray:
+    """Return (M, M) uint8, 1 in the cell of the robot."""
+    mask = np.zeros(map.explored.shape, np.uint8)
+    mask[tuple(np.clip(world_to_cell(map.pose[:2, 3], map.origin, map.cell), 0, len(mask) - 1))] = 1
+    return mask
 
 
-def global_input(map: MapState, window: int, viewpoints: bool = False) -> np.ndarray:
-    """What the global policy of the paper sees (section 3.1 and the released code).
+def stack_maps(map: MapState, window: int, viewpoints: bool = False) -> np.ndarray:
+    """Stack the input channels of the paper's global policy (section 3.1 and the released code).
+
+    Args:
+        map: map of M >= W cells a side; in training M = 3 W.
+        window: W, cells a side of the window around the robot.
+        viewpoints: append the 12 viewpoint channels of the window and the 12 of the whole map.
 
     Returns:
-        (24, window, window) uint8: occupied, explored, the robot's cell and where it has been, around the robot; the
-        same four of the whole map, the maximum of 3x3 cells each; then 15 classes and what is occupied without a class,
-        around the robot. With ``viewpoints`` 12 directions around the robot and 12 of the whole map follow.
+        (24, W, W) uint8: occupied, explored, the robot's cell and visited, in the window; the same four of the whole
+        map, maximum over 3 x 3 cells; the 15 classes and occupied cells without a class, in the window. (48, W, W) with
+        ``viewpoints``.
     """
-    view = window_of(map, window)
-    state = np.stack([map.occupied, map.explored, place_of(map).astype(bool), map.visited])
-    nameless = map.occupied[view] & ~map.semantics[(slice(None), *view)].any(axis=0)
-    parts = [state[(slice(None), *view)], _whole(state), map.semantics[(slice(None), *view)], nameless[None]]
+    view = window_slices(map, window)
+    state = np.stack([map.occupied, map.explored, robot_mask(map).astype(bool), map.visited])
+    unclassified = map.occupied[view] & ~map.semantics[(slice(None), *view)].any(axis=0)
+    parts = [
+        state[(slice(None), *view)],
+        _pool_whole(state, window),
+        map.semantics[(slice(None), *view)],
+        unclassified[None],
+    ]
     if viewpoints:
-        parts += [map.viewpoints[(slice(None), *view)], _whole(map.viewpoints)]
+        parts += [map.viewpoints[(slice(None), *view)], _pool_whole(map.viewpoints, window)]
     return np.concatenate(parts).view(np.uint8)
 
 
-def _whole(channels: np.ndarray) -> np.ndarray:
-    return pooled(channels, 0, 0, channels.shape[1] // MAP_WINDOWS, MAP_WINDOWS)
+def _pool_whole(channels: np.ndarray, window: int) -> np.ndarray:
+    """Pool the central ``MAP_WINDOWS`` windows of a map, which is the whole map in training, to one window."""
+    first = (channels.shape[1] - MAP_WINDOWS * window) // 2
+    return pooled(channels, first, first, window, MAP_WINDOWS)

@@ -1,4 +1,4 @@
-"""The networks of the learned policies: from what a view shows to a distribution of actions, and a value."""
+"""Networks of the learned policies: from an encoded observation to a distribution over actions and a value."""
 
 import itertools
 from collections.abc import Sequence
@@ -9,73 +9,78 @@ import torch
 from torch import Tensor, nn
 from torch.distributions import Categorical, Distribution, Independent, Normal
 
-from autonerf_lab.policies.egocentric import EgocentricView
-from autonerf_lab.policies.interfaces import HEADINGS, CompactView, PaperView
-from autonerf_lab.policies.pointgoal import STOP, GoalView
+from autonerf_lab.policies.egocentric import EgocentricInterface
+from autonerf_lab.policies.interfaces import HEADING_BINS, CompactInterface
+from autonerf_lab.policies.pointgoal import STOP
 from autonerf_lab.types import Action
 
-_IMPOSSIBLE = -1e4  # logit of a block that holds no place
+_INVALID = -1e4  # logit of a block without a candidate position
 
 
 class CompactNetwork(nn.Module):
-    """Convolutions at the resolution of the blocks; a place is judged by what lies around it, wherever that is.
+    """Fully convolutional network for :class:`~autonerf_lab.policies.interfaces.CompactInterface`.
 
-    The heading enters as two coordinates of every block, metres ahead of the robot and to its left: what a turn costs.
-    Before training all places are equally likely.
+    The heading enters as two coordinates of every block in the robot's frame, ahead and left, which determine the cost
+    of a turn. Before training all candidate positions are equally likely.
 
     Args:
-        width: channels.
+        width: number of channels.
 
     Example:
-        >>> seen = {name: torch.zeros(2, *space.shape) for name, space in CompactView().observation_space.items()}
-        >>> blocks, value = CompactNetwork()(seen)
+        >>> space = CompactInterface().observation_space
+        >>> obs = {name: torch.zeros(2, *part.shape) for name, part in space.items()}
+        >>> blocks, value = CompactNetwork()(obs)
         >>> blocks.sample().shape, value.shape
         (torch.Size([2]), torch.Size([2]))
     """
 
-    SHARPNESS = 16.0  # to prefer one of hundreds of places takes scores far apart, and Adam's steps are short
+    SHARPNESS = 16.0  # scale of the logits: a preference among hundreds of candidates needs large differences
 
     def __init__(self, width: int = 32) -> None:
         super().__init__()
-        self.first = nn.Conv2d(CompactView.CHANNELS + CompactView.REACH + 2, width, 3, padding=1)
+        self.first = nn.Conv2d(CompactInterface.CHANNELS + CompactInterface.REACH + 2, width, 3, padding=1)
         self.body = nn.ModuleList(nn.Conv2d(width, width, 3, padding=d, dilation=d) for d in (2, 4, 1))
-        self.score = nn.Conv2d(width + CompactView.REACH + 3, 1, 1)
+        self.score = nn.Conv2d(width + CompactInterface.REACH + 3, 1, 1)
         self.critic = nn.Sequential(nn.Linear(2 * width, 128), nn.ReLU(), nn.Linear(128, 1))
         nn.init.zeros_(self.score.weight)
         self.north: Tensor
         self.east: Tensor
-        middle = (torch.arange(CompactView.GRID) + 0.5) / CompactView.GRID * 2 - 1
-        self.register_buffer("north", middle[:, None].expand(CompactView.GRID, CompactView.GRID), persistent=False)
-        self.register_buffer("east", middle[None].expand(CompactView.GRID, CompactView.GRID), persistent=False)
+        middle = (torch.arange(CompactInterface.GRID) + 0.5) / CompactInterface.GRID * 2 - 1
+        self.register_buffer(
+            "north", middle[:, None].expand(CompactInterface.GRID, CompactInterface.GRID), persistent=False
+        )
+        self.register_buffer(
+            "east", middle[None].expand(CompactInterface.GRID, CompactInterface.GRID), persistent=False
+        )
 
-    def forward(self, seen: dict[str, Tensor]) -> tuple[Distribution, Tensor]:
-        """Categorical over B x 1024 blocks, and the value, (B,)."""
-        cos, sin = seen["heading"].float()[:, :, None, None].unbind(1)
+    def forward(self, obs: dict[str, Tensor]) -> tuple[Distribution, Tensor]:
+        """Return a Categorical over 1024 blocks, batch shape (B,), and the values, (B,)."""
+        cos, sin = obs["heading"].float()[:, :, None, None].unbind(1)
         sides = torch.stack([cos * self.east + sin * self.north, cos * self.north - sin * self.east], dim=1)
-        reach = seen["reach"].float()
-        x = torch.relu(self.first(torch.cat([seen["map"].float(), reach, sides], dim=1)))
+        reach = obs["reach"].float()
+        x = torch.relu(self.first(torch.cat([obs["map"].float(), reach, sides], dim=1)))
         for layer in self.body:
             x = x + torch.relu(layer(x))
-        there = reach[:, :1] > 0
-        # What is gained for the way is the first thing to learn: no need to find it through convolutions.
+        valid = reach[:, :1] > 0
+        # Gain per path length is given to the network directly, because it is the most useful feature.
         worth = reach[:, 2:5] / (reach[:, 1:2] + 0.1)
         scores = self.SHARPNESS * self.score(torch.cat([x, reach, worth], dim=1))
-        logits = torch.where(there, scores, torch.full_like(scores, _IMPOSSIBLE)).flatten(1)
-        inside = x * there
-        pooled = torch.cat([inside.sum((2, 3)) / there.sum((2, 3)).clamp_min(1), inside.amax((2, 3))], dim=1)
+        logits = torch.where(valid, scores, torch.full_like(scores, _INVALID)).flatten(1)
+        masked = x * valid
+        pooled = torch.cat([masked.sum((2, 3)) / valid.sum((2, 3)).clamp_min(1), masked.amax((2, 3))], dim=1)
         return Categorical(logits=logits, validate_args=False), self.critic(pooled)[:, 0]
 
 
 class PaperNetwork(nn.Module):
-    """The global policy of the paper and its released code: a Gaussian over the window.
+    """Global policy of the paper and its released code: a Gaussian over the window.
 
     Args:
-        window: cells a side of the view's window.
-        channels: of the view's map.
+        window: cells a side of the window of :class:`~autonerf_lab.policies.interfaces.PaperInterface`.
+        channels: channels of its map.
 
     Example:
-        >>> seen = {"map": torch.zeros(1, 24, 48, 48), "heading": torch.zeros(1)}
-        >>> PaperNetwork(48)(seen)[0].sample().shape
+        >>> obs = {"map": torch.zeros(1, 24, 48, 48), "heading": torch.zeros(1)}
+        >>> PaperNetwork(48)(obs)[0].sample().shape
         torch.Size([1, 2])
     """
 
@@ -88,7 +93,7 @@ class PaperNetwork(nn.Module):
             channels = width
         layers += [nn.Conv2d(128, 64, 3, padding=1), nn.ReLU(), nn.Conv2d(64, 32, 3, padding=1), nn.ReLU()]
         self.maps = nn.Sequential(*layers, nn.Flatten())
-        self.heading = nn.Embedding(HEADINGS, 8)
+        self.heading = nn.Embedding(HEADING_BINS, 8)
         self.body = nn.Sequential(
             nn.Linear(32 * (window // 16) ** 2 + 8, 256), nn.ReLU(), nn.Linear(256, 256), nn.ReLU()
         )
@@ -96,71 +101,71 @@ class PaperNetwork(nn.Module):
         self.log_std = nn.Parameter(torch.zeros(2))
         self.critic = nn.Linear(256, 1)
 
-    def forward(self, seen: dict[str, Tensor]) -> tuple[Distribution, Tensor]:
-        """Gaussian over (B, 2) actions, and the value, (B,)."""
-        heading = self.heading(seen["heading"].long().reshape(-1))
-        x = self.body(torch.cat([self.maps(seen["map"].float()), heading], dim=1))
+    def forward(self, obs: dict[str, Tensor]) -> tuple[Distribution, Tensor]:
+        """Return a Gaussian over (B, 2) actions and the values, (B,)."""
+        heading = self.heading(obs["heading"].long().reshape(-1))
+        x = self.body(torch.cat([self.maps(obs["map"].float()), heading], dim=1))
         return Independent(Normal(self.mean(x), self.log_std.exp()), 1, validate_args=False), self.critic(x)[:, 0]
 
 
 class RecurrentNetwork(nn.Module):
-    """A recurrent layer over what a subclass makes of each step; then actions and a value."""
+    """LSTM over the features of each step, which a subclass defines, with an actor and a critic."""
 
     def add_memory(self, inputs: int, memory: int, actions: int) -> None:
-        """The layer (an LSTM: what sb3-contrib trains) over ``inputs`` features of a step, and what reads it."""
+        """Create the LSTM over ``inputs`` features (the layer that sb3-contrib trains), the actor and the critic."""
         self.lstm = nn.LSTM(inputs, memory)
         self.actor = nn.Linear(memory, actions)
         self.critic = nn.Linear(memory, 1)
         nn.init.zeros_(self.actor.weight)  # before training all actions are equally likely
         nn.init.zeros_(self.actor.bias)
 
-    def features(self, seen: dict[str, Tensor]) -> Tensor:
-        """(B, inputs), of B steps."""
+    def features(self, obs: dict[str, Tensor]) -> Tensor:
+        """Return the features of B steps, (B, inputs)."""
         raise NotImplementedError
 
-    def nothing(self, sequences: int) -> tuple[Tensor, Tensor]:
-        """The memory before an episode."""
+    def initial_state(self, sequences: int) -> tuple[Tensor, Tensor]:
+        """Return the recurrent state at the start of an episode, zeros, for a number of sequences."""
         return (torch.zeros(1, sequences, self.lstm.hidden_size),) * 2  # type: ignore[return-value]
 
     def forward(
-        self, seen: dict[str, Tensor], memory: tuple[Tensor, Tensor], starts: Tensor
+        self, obs: dict[str, Tensor], memory: tuple[Tensor, Tensor], starts: Tensor
     ) -> tuple[Distribution, Tensor, tuple[Tensor, Tensor]]:
-        """Steps of S sequences of equal length, one sequence after the other, B steps in all.
+        """Evaluate S sequences of equal length, concatenated to B steps.
 
         Args:
-            seen: of B steps.
-            memory: two of (1, S, memory), from before each sequence.
+            obs: observations of B steps.
+            memory: recurrent state before each sequence, two tensors (1, S, memory).
             starts: (B,), 1 where an episode begins.
 
         Returns:
-            Categorical over B actions; values, (B,); the memory after each sequence.
+            A Categorical with batch shape (B,), the values, (B,), and the recurrent state after each sequence.
         """
-        x = self.features(seen)
+        x = self.features(obs)
         sequences = memory[0].shape[1]
         steps = x.reshape(sequences, -1, x.shape[1]).swapaxes(0, 1)
         begins = starts.reshape(sequences, -1).T  # (steps, S)
-        # the layer runs as far as nobody forgets
+        # Run the LSTM up to the next episode boundary.
         cuts = [0, *(1 + torch.nonzero(begins[1:].any(dim=1)).flatten()).tolist(), len(steps)]
         outputs = []
         for first, last in itertools.pairwise(cuts):
-            kept = (1 - begins[first])[None, :, None]
-            output, memory = self.lstm(steps[first:last], (kept * memory[0], kept * memory[1]))
+            continues = (1 - begins[first])[None, :, None]
+            output, memory = self.lstm(steps[first:last], (continues * memory[0], continues * memory[1]))
             outputs.append(output)
         x = torch.cat(outputs).swapaxes(0, 1).flatten(0, 1)
         return Categorical(logits=self.actor(x), validate_args=False), self.critic(x)[:, 0], memory
 
 
 class EgocentricNetwork(RecurrentNetwork):
-    """Three encoders, a recurrent layer, actions and value; as Ramakrishnan et al. 2021, small enough for two cores.
+    """Recurrent network of the end-to-end policies, after Ramakrishnan et al. 2021, reduced for two CPU cores.
 
     Args:
-        memory: units of the recurrent layer.
+        memory: units of the LSTM.
 
     Example:
-        >>> space = EgocentricView.observation_space
-        >>> seen = {name: torch.zeros(6, *part.shape) for name, part in space.items()}
+        >>> space = EgocentricInterface.observation_space
+        >>> obs = {name: torch.zeros(6, *part.shape) for name, part in space.items()}
         >>> network = EgocentricNetwork()
-        >>> actions, value, memory = network(seen, network.nothing(2), torch.zeros(6))  # two sequences of three steps
+        >>> actions, value, memory = network(obs, network.initial_state(2), torch.zeros(6))  # 2 sequences of 3 steps
         >>> actions.sample().shape, value.shape, memory[0].shape
         (torch.Size([6]), torch.Size([6]), torch.Size([1, 2, 256]))
     """
@@ -176,28 +181,29 @@ class EgocentricNetwork(RecurrentNetwork):
             )
             for _ in range(2)
         )
-        self.add_memory(3 * 128 + EgocentricView.FELT, memory, len(Action))
+        self.add_memory(3 * 128 + EgocentricInterface.FELT, memory, len(Action))
 
-    def features(self, seen: dict[str, Tensor]) -> Tensor:
-        """Image, both maps and what was felt."""
-        maps = [encode(seen[name].float() / 255) for name, encode in (("near", self.near), ("far", self.far))]
-        return torch.cat([self.image(seen["rgb"].float() / 255), *maps, seen["felt"].float()], dim=1)
+    def features(self, obs: dict[str, Tensor]) -> Tensor:
+        """Encode the image, both maps, the last action and its collision flag."""
+        maps = [encode(obs[name].float() / 255) for name, encode in (("near", self.near), ("far", self.far))]
+        return torch.cat([self.image(obs["rgb"].float() / 255), *maps, obs["felt"].float()], dim=1)
 
 
 class GoalNetwork(RecurrentNetwork):
-    """Depth and goal to actions: a small sibling of the PointGoal agents of Habitat (Savva et al. 2019).
+    """Recurrent network of the PointGoal policy, a small version of the agents of Habitat (Savva et al. 2019).
 
     Args:
-        memory: units of the recurrent layer.
+        memory: units of the LSTM.
 
     Example:
-        >>> seen = {name: torch.zeros(6, *part.shape) for name, part in GoalView().observation_space.items()}
+        >>> from autonerf_lab.policies.pointgoal import GoalInterface
+        >>> obs = {name: torch.zeros(6, *part.shape) for name, part in GoalInterface().observation_space.items()}
         >>> network = GoalNetwork()
-        >>> network(seen, network.nothing(2), torch.zeros(6))[0].probs[0].tolist()
+        >>> network(obs, network.initial_state(2), torch.zeros(6))[0].probs[0].tolist()
         [0.25, 0.25, 0.25, 0.25]
     """
 
-    FAR = 10.0  # metres that count as one
+    FAR = 10.0  # metres, unit of the distance
 
     def __init__(self, memory: int = 256) -> None:
         super().__init__()
@@ -205,18 +211,15 @@ class GoalNetwork(RecurrentNetwork):
         self.goal = nn.Sequential(nn.Linear(4, 32), nn.ReLU())
         self.add_memory(128 + 32, memory, STOP + 1)
 
-    def features(self, seen: dict[str, Tensor]) -> Tensor:
-        """Image and goal; distances near and far both matter."""
-        distance, direction = seen["goal"][:, :1].float(), seen["goal"][:, 1:].float()
+    def features(self, obs: dict[str, Tensor]) -> Tensor:
+        """Encode the depth image and the goal; a linear and an exponential term resolve far and near distances."""
+        distance, direction = obs["goal"][:, :1].float(), obs["goal"][:, 1:].float()
         goal = torch.cat([distance / self.FAR, torch.exp(-distance), direction], dim=1)
-        return torch.cat([self.image(seen["depth"].float()[:, None]), self.goal(goal)], dim=1)
-
-
-RECURRENT: dict[str, type[RecurrentNetwork]] = {"egocentric": EgocentricNetwork, "goal": GoalNetwork}
+        return torch.cat([self.image(obs["depth"].float()[:, None]), self.goal(goal)], dim=1)
 
 
 def _image_encoder(channels: int, flat: int) -> nn.Sequential:
-    """Mnih et al. 2015, half as wide; ``flat`` values are left after the convolutions."""
+    """Image encoder of Mnih et al. 2015, half as wide; ``flat`` is the output size of the convolutions."""
     relu = nn.ReLU()
     return nn.Sequential(
         *(nn.Conv2d(channels, 16, 8, stride=4), relu, nn.Conv2d(16, 32, 4, stride=2), relu),
@@ -224,52 +227,20 @@ def _image_encoder(channels: int, flat: int) -> nn.Sequential:
     )
 
 
-def batched(seen: Sequence[dict[str, np.ndarray]]) -> dict[str, Tensor]:
-    """Observations as a network takes them.
+def batched(observations: Sequence[dict[str, np.ndarray]]) -> dict[str, Tensor]:
+    """Stack encoded observations to the batch that a network takes.
 
     Example:
         >>> batched([{"goal": np.zeros(3)}, {"goal": np.ones(3)}])["goal"].shape
         torch.Size([2, 3])
     """
-    return {name: torch.from_numpy(np.stack([one[name] for one in seen])) for name in seen[0]}
+    return {name: torch.from_numpy(np.stack([obs[name] for obs in observations])) for name in observations[0]}
 
 
-def draw(chances: Distribution, rng: np.random.Generator, row: int = 0) -> Any:
-    """An action of a row of a distribution over a batch."""
-    if isinstance(chances, Categorical):
-        shares = chances.probs[row].double().numpy()
-        return rng.choice(len(shares), p=shares / shares.sum())
-    mean, deviation = chances.mean[row].numpy(), chances.stddev[row].numpy()
+def sample_action(distribution: Distribution, rng: np.random.Generator, row: int = 0) -> Any:
+    """Sample an action from one row of a batched distribution, with NumPy's random numbers."""
+    if isinstance(distribution, Categorical):
+        probabilities = distribution.probs[row].double().numpy()
+        return rng.choice(len(probabilities), p=probabilities / probabilities.sum())
+    mean, deviation = distribution.mean[row].numpy(), distribution.stddev[row].numpy()
     return mean + deviation * rng.standard_normal(mean.shape)
-
-
-def make_view(settings: dict[str, Any]) -> Any:
-    """The view of the settings of a network.
-
-    Example:
-        >>> make_view({"kind": "compact", "follow": 25}).follow
-        25
-    """
-    kinds = {"compact": CompactView, "paper": PaperView, "egocentric": EgocentricView, "goal": GoalView}
-    recurrent = settings["kind"] in RECURRENT  # whose options are the network's
-    return kinds[settings["kind"]](**({} if recurrent else _options(settings)))
-
-
-def make_network(settings: dict[str, Any]) -> tuple[Any, nn.Module]:
-    """The view and the fresh network of settings: a dict with the ``kind`` and options.
-
-    Example:
-        >>> view, network = make_network({"kind": "paper", "window": 48, "viewpoints": True})
-        >>> view.channels
-        48
-    """
-    view = make_view(settings)
-    if isinstance(view, CompactView):
-        return view, CompactNetwork()
-    if settings["kind"] in RECURRENT:
-        return view, RECURRENT[settings["kind"]](**_options(settings))
-    return view, PaperNetwork(view.window, view.channels)
-
-
-def _options(settings: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in settings.items() if name != "kind"}

@@ -1,4 +1,4 @@
-"""Policies that do not look where they go: what any exploration has to beat."""
+"""Random baselines, which use neither the map nor the observation to decide."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from autonerf_lab.planning.local_policy import LocalPolicy
 from autonerf_lab.policies.interfaces import FOLLOW_STEPS
 from autonerf_lab.types import Action, MapState, Observation
 
-_WINDOW = 240  # cells a side of the window around the robot, as they choose in
+_WINDOW = 240  # cells a side of the window around the robot, as in the paper
 
 
-class RandomWalk:
-    """The three actions with equal probability."""
+class RandomActions:
+    """Baseline that samples the three actions uniformly."""
 
     waypoint: np.ndarray | None = None
 
@@ -20,12 +20,12 @@ class RandomWalk:
         self._rng = rng
 
     def act(self, map: MapState, observation: Observation) -> int:
-        """Any action."""
+        """Return a random action."""
         return int(self._rng.integers(len(Action)))
 
 
 class RandomWaypoints:
-    """A waypoint drawn every 25 steps, uniform in the window around the robot, followed by the local policy."""
+    """Baseline that follows random waypoints: a new one every 25 steps, uniform in the window around the robot."""
 
     waypoint: np.ndarray | None = None
 
@@ -37,9 +37,9 @@ class RandomWaypoints:
         self.waypoint = None
 
     def act(self, map: MapState, observation: Observation) -> int:
-        """Towards the waypoint."""
+        """Return the next action towards the waypoint."""
         if self.waypoint is None or self._age >= FOLLOW_STEPS:
-            # The window slides over the map, and never over its border.
+            # The window is shifted to stay inside the map.
             size = len(map.explored)
             half = min(_WINDOW, size) // 2
             centre = np.clip((map.pose[:2, 3] - map.origin) // map.cell, half, size - half)

@@ -1,4 +1,4 @@
-"""Trained policies on disk: half-precision safetensors, and a JSON that says how they were made."""
+"""Storage of trained policies: half-precision safetensors, and a JSON file with network and training settings."""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ VERSION = 1
 
 
 def save_weights(path: str | Path, network: nn.Module, meta: dict[str, Any]) -> None:
-    """Write ``path``.safetensors and ``path``.json; ``meta`` holds at least the ``kind`` of the policy."""
+    """Write ``path``.safetensors and ``path``.json; ``meta`` must contain ``network``, the kind and its options."""
     path = Path(path)
     arrays = {name: value.detach().cpu().numpy().astype(np.float16) for name, value in network.state_dict().items()}
     write_arrays(path.with_suffix(".safetensors"), arrays)
@@ -22,14 +22,14 @@ def save_weights(path: str | Path, network: nn.Module, meta: dict[str, Any]) -> 
 
 
 def read_meta(path: str | Path) -> dict[str, Any]:
-    """What the JSON beside the weights says.
+    """Read the JSON file beside the weights.
 
     Raises:
-        DataError: there is none, or it is that of a newer version.
+        DataError: the file is missing, or has another version.
     """
     meta = read_json(Path(path).with_suffix(".json"))
     if meta.get("version") != VERSION:
-        raise DataError(f"{path}: made by another version ({meta.get('version')}, this one reads {VERSION})")
+        raise DataError(f"{path}: file version {meta.get('version')} is not supported, only version {VERSION}")
     return meta
 
 
@@ -37,7 +37,7 @@ def load_weights(path: str | Path, network: nn.Module) -> None:
     """Read weights into a network of the same architecture.
 
     Raises:
-        DataError: the file is missing, damaged, or belongs to another network; it names the difference.
+        DataError: the file is missing, damaged, or belongs to another network; names the difference.
     """
     path = Path(path).with_suffix(".safetensors")
     arrays, _ = read_arrays(path)
@@ -46,9 +46,9 @@ def load_weights(path: str | Path, network: nn.Module) -> None:
     if found != wanted:
         name = min(name for name in {*found, *wanted} if found.get(name) != wanted.get(name))
         raise DataError(
-            f"{path} belongs to another policy: {name} is {found.get(name, 'absent')}, not "
-            f"{wanted.get(name, 'absent')}; was it trained with other channels?"
+            f"{path} belongs to another network: {name} is {found.get(name, 'absent')}, not "
+            f"{wanted.get(name, 'absent')}; check the network settings in the JSON file beside it"
         )
     if not all(np.isfinite(array).all() for array in arrays.values()):
-        raise DataError(f"{path} holds values that are not finite; train the policy again")
+        raise DataError(f"{path} contains values that are not finite; train the policy again")
     network.load_state_dict({name: torch.from_numpy(array.astype(np.float32)) for name, array in arrays.items()})

@@ -1,8 +1,9 @@
-"""What a walk is rewarded for. One file a reward; this is the table of contents.
+"""Rewards for exploration, one file per reward.
 
-``cov``, ``obs``, ``sem`` and ``view`` are those of AutoNeRF (Marza et al.); ``nov``, ``cur`` and ``rec`` those of
-Ramakrishnan et al. 2021. What stands in :data:`REWARDS` is a reward if it is called with a transition, and makes one if
-it is called with nothing: what remembers or learns is made anew for each environment. A package of yours registers::
+``cov``, ``obs``, ``sem`` and ``view`` are the rewards of AutoNeRF (Marza et al.); ``nov``, ``cur`` and ``rec`` those of
+Ramakrishnan et al. 2021. An entry of :data:`REWARDS` is either a function of a transition, or a class or function
+without arguments that makes a reward with state, a new one for each environment. A package registers its own reward in
+its ``pyproject.toml``::
 
     [project.entry-points."autonerf_lab.rewards"]
     my-reward = "my_package:MyReward"
@@ -13,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from autonerf_lab.errors import RewardError, UnknownNameError, WrongTypeError
-from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, evaluate, fresh, name_of, unit_of
+from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, evaluate, instantiate, name_of, unit_of
 from autonerf_lab.rewards.conformance import check_reward
 from autonerf_lab.rewards.cov import cov
 from autonerf_lab.rewards.nov import Novelty
@@ -21,18 +22,18 @@ from autonerf_lab.rewards.obs import obs
 from autonerf_lab.rewards.sem import sem
 from autonerf_lab.rewards.view import view
 from autonerf_lab.rewards.weighted_sum import WeightedSum
-from autonerf_lab.utils.plugins import installed
+from autonerf_lab.utils.plugins import load_plugins
 
 
 def curiosity() -> LearnedReward:
-    """Makes ``cur``. Only this imports torch."""
+    """Make the reward ``cur``; torch is imported here and not with the package."""
     from autonerf_lab.rewards.cur import Curiosity
 
     return Curiosity()
 
 
 def reconstruction() -> LearnedReward:
-    """Makes ``rec``. Only this imports torch."""
+    """Make the reward ``rec``; torch is imported here and not with the package."""
     from autonerf_lab.rewards.rec import Reconstruction
 
     return Reconstruction()
@@ -50,23 +51,25 @@ REWARDS: dict[str, Callable[..., Any]] = {
 
 
 def available() -> dict[str, Callable[..., Any]]:
-    """Built-in rewards and those of installed packages, as in :data:`REWARDS`.
+    """Return the built-in rewards and those of installed packages, as in :data:`REWARDS`.
 
-    One that does not import, is no reward, fails on a made-up step, or takes a name that exists is left out with a
-    :class:`~autonerf_lab.utils.plugins.PluginWarning`.
+    A reward that cannot be imported, does not pass :func:`~autonerf_lab.rewards.conformance.check_reward` or uses a
+    built-in name is left out with a :class:`~autonerf_lab.utils.plugins.PluginWarning`.
     """
-    return installed("rewards", REWARDS, object, check_reward)
+    return load_plugins("rewards", REWARDS, object, check_reward)
 
 
 def make_reward(reward: str | Callable[..., Any]) -> Reward:
-    """A reward by its name, or a weighted sum of names; a reward of one's own is returned as it is.
+    """Make a reward.
 
-    Whatever remembers something is made anew at each call, unless it is handed in as an object.
+    Args:
+        reward: a name in :func:`available`, a weighted sum such as ``"cov+0.1*nov"``, or a reward (or a class of
+            rewards) of your own. Rewards with state are made anew at each call, except objects, which are returned.
 
     Raises:
-        UnknownNameError: lists the valid names.
-        RewardError: a sum that cannot be read; names the term.
-        WrongTypeError: neither a name nor anything that can be called.
+        UnknownNameError: unknown name; lists the valid names.
+        RewardError: a weighted sum that cannot be parsed; names the term.
+        WrongTypeError: neither a name nor callable.
 
     Example:
         >>> make_reward("cov") is cov
@@ -76,23 +79,26 @@ def make_reward(reward: str | Callable[..., Any]) -> Reward:
     """
     if not isinstance(reward, str):
         if not callable(reward):
-            raise WrongTypeError(f"a reward is a name or is called with a transition, not a {type(reward).__name__}")
-        return fresh(reward)
+            raise WrongTypeError(f"a reward must be a name or a callable, not a {type(reward).__name__}")
+        return instantiate(reward)
     if reward in REWARDS:
-        return fresh(REWARDS[reward])
+        return instantiate(REWARDS[reward])
     if re.search(r"[+*]", reward):
         return weighted(_read_sum(reward))
     found = available()
     if reward not in found:
         raise UnknownNameError("reward", reward, found)
-    return fresh(found[reward])
+    return instantiate(found[reward])
 
 
 def weighted(terms: Mapping[str | Callable[..., Any], float]) -> WeightedSum:
-    """A weighted sum of rewards, given by names or as they are.
+    """Make a weighted sum of rewards.
+
+    Args:
+        terms: weight of each reward; a key is a name or a reward.
 
     Raises:
-        UnknownNameError: lists the valid names.
+        UnknownNameError: unknown name; lists the valid names.
         RewardError: a weight is not a finite number, or two terms have the same name.
 
     Example:
@@ -103,13 +109,13 @@ def weighted(terms: Mapping[str | Callable[..., Any], float]) -> WeightedSum:
     for term, weight in terms.items():
         name = name_of(term)
         if name in made:
-            raise RewardError(f"two terms of a weighted sum have the name {name!r}")
+            raise RewardError(f"two terms of the weighted sum have the name {name!r}; add up their weights")
         made[name] = weight, make_reward(term)
     return WeightedSum(made)
 
 
 def _read_sum(text: str) -> dict[str | Callable[..., Any], float]:
-    """``"cov+0.1*nov"`` -> {"cov": 1.0, "nov": 0.1}."""
+    """Parse a weighted sum: ``"cov+0.1*nov"`` -> {"cov": 1.0, "nov": 0.1}."""
     terms: dict[str | Callable[..., Any], float] = {}
     for term in text.split("+"):
         weight, star, name = term.rpartition("*")
@@ -117,9 +123,9 @@ def _read_sum(text: str) -> dict[str | Callable[..., Any], float]:
         try:
             value = float(weight) if star else 1.0
         except ValueError:
-            raise RewardError(f"{text!r} is no weighted sum: {term!r} is neither NAME nor WEIGHT*NAME") from None
+            raise RewardError(f"{text!r} is not a weighted sum: {term!r} is neither NAME nor WEIGHT*NAME") from None
         if name in terms:
-            raise RewardError(f"{text!r} has the term {name!r} twice")
+            raise RewardError(f"{text!r} contains the term {name!r} twice; add up their weights")
         terms[name] = value
     return terms
 

@@ -1,4 +1,4 @@
-"""What a reward is: anything that can be called with a transition and returns a float."""
+"""Interfaces of rewards: a reward is called with a transition and returns a real number."""
 
 import inspect
 import math
@@ -14,95 +14,96 @@ from autonerf_lab.types import MapState, Observation, Transition
 
 
 class Reward(Protocol):
-    """Called once a step.
+    """Reward function, called once per step.
 
     The first line of its docstring names the unit, after a comma and before a full stop or colon:
     ``Newly explored area, square metres.``
 
-    A reward that remembers something over an episode also has ``reset(rng)``, called when one begins.
+    A reward with state also has a method ``reset(rng)``, which is called at the start of each episode.
     """
 
     def __call__(self, transition: Transition) -> float:
-        """The reward of one step, in the unit that its docstring names."""
+        """Return the reward of one step: a float, an int, a NumPy number, or an array or tensor without dimensions."""
 
 
 @runtime_checkable
 class PrivilegedReward(Protocol):
-    """A reward that is shown places of the scene which the robot has not seen: ground truth that no policy gets."""
+    """Reward that gets reference observations from all over the scene: ground truth that no policy gets."""
 
-    references: int  # how many it wants to be shown, at poses drawn uniformly over the navigable ground
+    references: int  # number of reference observations, at random navigable poses
 
     def __call__(self, transition: Transition) -> float:
-        """The reward of one step."""
+        """Return the reward of one step."""
 
-    def show(self, observations: list[Observation]) -> None:
-        """The places of this episode, after ``reset``."""
+    def set_references(self, observations: list[Observation]) -> None:
+        """Set the reference observations of this episode; called after ``reset``."""
 
 
 @runtime_checkable
 class LearnedReward(Protocol):
-    """A reward that learns from what the robot sees. Many may see, each in its environment; one of them learns.
+    """Reward that learns from the observations of the robot.
 
-    The one that learns hands its state to the others. The state is all that was learned, so that training goes on bit
-    for bit; what a reward remembers of a running episode is not part of it, and is not touched by loading one.
+    In training each environment has a copy that collects samples. One more copy learns from all samples and distributes
+    its state to the others. The state contains everything learned, so that a resumed training gives identical results.
+    It does not contain the state of a running episode, and loading it leaves a running episode unchanged.
     """
 
     def __call__(self, transition: Transition) -> float:
-        """The reward of one step."""
+        """Return the reward of one step."""
 
     def collect(self) -> dict[str, np.ndarray]:
-        """What was seen since the last call, and forgets it. The first axis of every array counts samples."""
+        """Return and clear the samples since the last call; the first axis of every array is the sample."""
 
     def update(self, batch: dict[str, np.ndarray]) -> dict[str, float]:
-        """One pass over what was collected, each array the concatenation of those of all environments.
+        """Train for one pass over the samples of all environments, concatenated.
 
         Returns:
-            Losses, to be logged; none where nothing was collected.
+            Losses for the log; empty without samples.
 
         Raises:
             TrainingError: a loss is not finite.
         """
 
     def state_dict(self) -> dict[str, np.ndarray]:
-        """Parameters, moments of the optimiser, statistics, seeds and counters. The arrays are copies."""
+        """Return copies of parameters, moments of the optimiser, statistics, seeds and counters."""
 
     def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from there.
+        """Load a state.
 
         Raises:
-            DataError: it is the state of something else.
+            DataError: the state belongs to another reward.
         """
 
 
-def fresh(entry: Callable[..., Any]) -> Reward:
-    """A reward out of what is registered: what can be called with nothing makes one, anything else is one.
+def instantiate(entry: Callable[..., Any]) -> Reward:
+    """Make a reward from a registered entry: call it if it needs no argument, else return it.
 
     Example:
         >>> class Always:
         ...     def __call__(self, transition):
         ...         return 1.0
-        >>> isinstance(fresh(Always), Always), fresh(len) is len
+        >>> isinstance(instantiate(Always), Always), instantiate(len) is len
         (True, True)
     """
     try:
         inspect.signature(entry).bind()
-    except (TypeError, ValueError):  # it needs an argument, or is written in C and does not say
+    except (TypeError, ValueError):  # it needs an argument, or has no signature
         return entry
     made: Reward = entry()
     return made
 
 
 def name_of(reward: object) -> str:
-    """What a reward is called in messages: its name, or that of its function or class."""
+    """Return the name of a reward in messages: the name itself, or that of the function or class."""
     return reward if isinstance(reward, str) else getattr(reward, "__name__", type(reward).__name__)
 
 
 def unit_of(reward: Reward) -> str:
-    """The unit that the first line of a docstring names, after a comma and before a full stop or colon; or nothing.
+    """Return the unit in the first line of a docstring, after a comma and before a full stop or colon; else "".
 
     Example:
         >>> def steps(transition):
-        ...     '''The time that passed, steps: always one.'''
+        ...     '''Duration, steps: always one.'''
         >>> unit_of(steps)
         'steps'
     """
@@ -111,10 +112,10 @@ def unit_of(reward: Reward) -> str:
 
 
 def evaluate(reward: Reward, transition: Transition, name: str) -> float:
-    """The reward of one step, checked.
+    """Call a reward and convert its value to a float.
 
     Raises:
-        RewardError: it failed, or is not a finite float; names the reward, the value and the step.
+        RewardError: the reward raised or is not a finite number; names the reward, the value and the step.
     """
     step = transition.observation.step
     try:
@@ -123,11 +124,31 @@ def evaluate(reward: Reward, transition: Transition, name: str) -> float:
         raise
     except Exception as error:
         raise RewardError(f"reward {name!r} failed at step {step}: {type(error).__name__}: {error}") from error
-    if not isinstance(value, float) or not math.isfinite(value):
-        raise RewardError(f"reward {name!r} returned {reprlib.repr(value)} at step {step}, not a finite float")
-    return float(value)
+    number = to_float(value)
+    if number is None or not math.isfinite(number):
+        raise RewardError(f"reward {name!r} returned {reprlib.repr(value)} at step {step}, not a finite number")
+    return number
 
 
-def growth(before: np.ndarray, after: np.ndarray, map: MapState) -> float:
-    """Area by which the set cells of a map have grown, summed over its channels, square metres."""
+def to_float(value: Any) -> float | None:
+    """Convert a real number to a float; None for anything else.
+
+    Numbers are bool, int, float, NumPy numbers, and arrays and tensors without dimensions.
+
+    Example:
+        >>> to_float(np.float32(0.5)), to_float(np.array(2)), to_float("1.0"), to_float(np.ones(1))
+        (0.5, 2.0, None, None)
+    """
+    kind = getattr(getattr(value, "dtype", None), "kind", "f")  # tensors have no kind; complex(...) fails below
+    dimensions: int = getattr(value, "ndim", 0)
+    if isinstance(value, str | bytes) or dimensions > 0 or kind not in "biuf":
+        return None
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def newly_set_area(before: np.ndarray, after: np.ndarray, map: MapState) -> float:
+    """Increase of a map channel over one step, m²; channels are summed."""
     return float(np.count_nonzero(after) - np.count_nonzero(before)) * map.cell**2

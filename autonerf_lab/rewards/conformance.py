@@ -1,4 +1,4 @@
-"""What every reward must do: for the tests here, for those of whoever writes one, and before a plug-in is listed."""
+"""Conformance checks of rewards: for their tests, and before a plug-in is listed."""
 
 import math
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from autonerf_lab.geometry import planar_pose
-from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, fresh
+from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, instantiate, to_float
 from autonerf_lab.types import Action, MapState, Observation, Transition
 
 _SIZE = 16
@@ -18,7 +18,7 @@ _IMAGES = ("rgb", "depth", "semantics", "pose")
 
 
 def blank_transition(cell: float = 0.05) -> Transition:
-    """A step in which nothing was seen, on a map of 16 x 16 cells. Its arrays are fresh: write to them.
+    """Make a transition in which nothing is observed, with a map of 16 x 16 cells; its arrays may be written to.
 
     Example:
         >>> bool(blank_transition().after.explored.any())
@@ -31,52 +31,54 @@ def blank_transition(cell: float = 0.05) -> Transition:
         return MapState(flat[0], flat[1], flat[2], deep[0], deep[1], planar_pose(0, 0, 0), np.zeros(2), cell)
 
     image = np.zeros((4, 4), np.uint8)
-    seen = Observation(np.zeros((4, 4, 3), np.uint8), np.ones((4, 4), np.float32), image, planar_pose(0, 0, 0), step=1)
-    return Transition(blank(), blank(), seen, Action.FORWARD)
+    observation = Observation(
+        np.zeros((4, 4, 3), np.uint8), np.ones((4, 4), np.float32), image, planar_pose(0, 0, 0), step=1
+    )
+    return Transition(blank(), blank(), observation, Action.FORWARD)
 
 
-def random_walk(rng: np.random.Generator, steps: int = 10) -> list[Transition]:
-    """Steps of noise: maps that grow, images of 16 x 16 pixels, poses within two metres, all three actions.
+def random_transitions(rng: np.random.Generator, steps: int = 10) -> list[Transition]:
+    """Make random transitions: growing maps, images of 16 x 16 pixels, poses within two metres, all three actions.
 
     Example:
-        >>> len(random_walk(np.random.default_rng(0)))
+        >>> len(random_transitions(np.random.default_rng(0)))
         10
     """
-    walk: list[Transition] = []
+    transitions: list[Transition] = []
     for k in range(steps):
         step = blank_transition()
         for name in _MAPS:
             before, after = getattr(step.before, name), getattr(step.after, name)
-            before[:] = getattr(walk[-1].after, name) if walk else False
+            before[:] = getattr(transitions[-1].after, name) if transitions else False
             after[:] = before | (rng.random(before.shape) < 0.1)
         pose = planar_pose(rng.uniform(0, 2), rng.uniform(0, 2), rng.uniform(-np.pi, np.pi))
         image = rng.integers(0, 256, (_SIZE, _SIZE, 3), np.uint8)
         depth = rng.uniform(0.5, 5, image.shape[:2]).astype(np.float32)
-        seen = Observation(image, depth, image[..., 0] % (_CLASSES + 1), pose, k % 4 == 3, k + 1)
-        walk.append(Transition(step.before, step.after, seen, Action(k % len(Action))))
-    return walk
+        observation = Observation(image, depth, image[..., 0] % (_CLASSES + 1), pose, k % 4 == 3, k + 1)
+        transitions.append(Transition(step.before, step.after, observation, Action(k % len(Action))))
+    return transitions
 
 
-def play(reward: Reward, walk: list[Transition], seed: int = 0) -> list[float]:
-    """The rewards of an episode, which begins as an environment begins one."""
+def run_episode(reward: Reward, transitions: list[Transition], seed: int = 0) -> list[float]:
+    """Reset a reward as an environment does, and return its value for each transition."""
     rng = np.random.default_rng(seed)
-    forget = getattr(reward, "reset", None)
-    if forget is not None:
-        forget(rng)
+    reset = getattr(reward, "reset", None)
+    if reset is not None:
+        reset(rng)
     if isinstance(reward, PrivilegedReward):
-        reward.show([step.observation for step in random_walk(rng, reward.references)])
-    return [reward(step) for step in walk]
+        reward.set_references([step.observation for step in random_transitions(rng, reward.references)])
+    return [reward(step) for step in transitions]
 
 
 def check_reward(reward: Callable[..., Any], seed: int = 0) -> None:
-    """What an environment relies on: finite floats, the same again after ``reset``, and steps left as they were.
+    """Check a reward: finite numbers, the same values after ``reset``, transitions unchanged.
 
     Args:
-        reward: a reward, or what makes one when it is called with nothing.
-        seed: of the steps.
+        reward: a reward, or a class or function without arguments that makes one.
+        seed: random seed of the transitions.
 
     Raises:
-        AssertionError: says which promise was broken.
+        AssertionError: names the requirement that is not met.
 
     Example:
         >>> check_reward(lambda transition: 1.0)
@@ -84,65 +86,67 @@ def check_reward(reward: Callable[..., Any], seed: int = 0) -> None:
         Traceback (most recent call last):
         AssertionError: a reward must be finite, not nan
     """
-    _require(callable(reward), f"a reward can be called with a transition; {type(reward).__name__} cannot")
-    made = fresh(reward)
-    _require(callable(made), f"what makes a reward must not make a {type(made).__name__}")
-    _require(not isinstance(made, type), "what makes a reward must not make a class")
-    walk = random_walk(np.random.default_rng(seed))
-    copies = [array.copy() for array in _arrays(walk)]
-    values = play(made, walk, seed)
+    _require(callable(reward), f"a reward must be callable, a {type(reward).__name__} is not")
+    made = instantiate(reward)
+    _require(callable(made), f"a function that makes a reward must not return a {type(made).__name__}")
+    _require(not isinstance(made, type), "a function that makes a reward must not return a class")
+    transitions = random_transitions(np.random.default_rng(seed))
+    copies = [array.copy() for array in _arrays(transitions)]
+    values = run_episode(made, transitions, seed)
     for value in values:
-        _require(isinstance(value, float), f"a reward must be a float, not {type(value).__name__}")
-        _require(math.isfinite(value), f"a reward must be finite, not {value}")
-    again = play(made, walk, seed)
-    _require(values == again, "after reset with the same seed, the same steps must have the same reward")
-    same = all(np.array_equal(a, b) for a, b in zip(_arrays(walk), copies, strict=True))
+        number = to_float(value)
+        _require(number is not None, f"a reward must be a number, not {value!r}")
+        _require(math.isfinite(number or 0.0), f"a reward must be finite, not {number}")
+    again = run_episode(made, transitions, seed)
+    same = [to_float(value) for value in values] == [to_float(value) for value in again]
+    _require(same, "after reset with the same seed, the same steps must have the same reward")
+    same = all(np.array_equal(a, b) for a, b in zip(_arrays(transitions), copies, strict=True))
     _require(same, "a reward must not change the transition")
 
 
 def check_learned(make: Callable[[], Any], seed: int = 0) -> None:
-    """What a trainer relies on: what is collected is handed over once, and the state is all that was learned.
+    """Check a learned reward: samples are collected once, and the state contains everything learned.
 
     Args:
-        make: makes a reward that is a :class:`~autonerf_lab.rewards.base.LearnedReward`.
-        seed: of the steps.
+        make: makes a :class:`~autonerf_lab.rewards.base.LearnedReward`.
+        seed: random seed of the transitions.
 
     Raises:
-        AssertionError: says which promise was broken.
+        AssertionError: names the requirement that is not met.
     """
-    teacher, pupil = make(), make()
-    _require(isinstance(teacher, LearnedReward), "a learned reward has collect, update, state_dict and load_state_dict")
+    source, copy = make(), make()
+    _require(isinstance(source, LearnedReward), "a learned reward needs collect, update, state_dict, load_state_dict")
     rng = np.random.default_rng(seed)
-    walk = random_walk(rng, 40)
+    transitions = random_transitions(rng, 40)
     for k in range(4):
-        play(teacher, random_walk(rng, 40), seed + k)
-    teacher.update(teacher.collect())
-    _require(not any(len(v) for v in teacher.collect().values()), "what was collected must be forgotten")
-    pupil.load_state_dict(teacher.state_dict())
-    values = play(teacher, walk)
-    _require(any(values), "after learning, something in an episode must be worth a reward")
-    _require(values == play(pupil, walk), "with the state of another, a reward must give the same values")
-    collected = teacher.collect()
-    _require(same_arrays(collected, pupil.collect()), "what is collected must not depend on who has learned before")
-    _require(all(len(v) for v in collected.values()), "an episode of 40 steps must leave something to collect")
+        run_episode(source, random_transitions(rng, 40), seed + k)
+    source.update(source.collect())
+    _require(not any(len(v) for v in source.collect().values()), "collect must clear the samples")
+    copy.load_state_dict(source.state_dict())
+    values = run_episode(source, transitions)
+    _require(any(values), "after an update, an episode must contain a reward other than 0")
+    _require(values == run_episode(copy, transitions), "rewards with equal states must return the same values")
+    collected = source.collect()
+    _require(same_arrays(collected, copy.collect()), "the samples must not depend on earlier updates")
+    _require(all(len(v) for v in collected.values()), "an episode of 40 steps must yield samples")
     copies = {name: array.copy() for name, array in collected.items()}
-    losses = [reward.update(collected) for reward in (teacher, pupil)]
-    _require(bool(losses[0]), "update must return what it has measured")
+    losses = [reward.update(collected) for reward in (source, copy)]
+    _require(bool(losses[0]), "update must return its losses")
     for name, loss in losses[0].items():
         finite = isinstance(loss, float) and math.isfinite(loss)
         _require(finite, f"the loss {name!r} must be a finite float, not {loss}")
-    _require(losses[0] == losses[1], "with the state of another, a reward must learn the same")
+    _require(losses[0] == losses[1], "rewards with equal states must learn the same")
     _require(same_arrays(collected, copies), "update must not change its batch")
-    _require(same_arrays(teacher.state_dict(), pupil.state_dict()), "the state must be all that was learned")
-    kept = teacher.state_dict()
-    copies = {name: array.copy() for name, array in kept.items()}
-    teacher.update(collected)
-    _require(same_arrays(kept, copies), "state_dict must return copies")
-    _require(not same_arrays(kept, teacher.state_dict()), "update must change the state")
+    _require(same_arrays(source.state_dict(), copy.state_dict()), "the state must contain everything learned")
+    state = source.state_dict()
+    copies = {name: array.copy() for name, array in state.items()}
+    source.update(collected)
+    _require(same_arrays(state, copies), "state_dict must return copies")
+    _require(not same_arrays(state, source.state_dict()), "update must change the state")
 
 
 def same_arrays(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
-    """Whether both hold the same bits under the same names.
+    """Return True if both contain identical arrays under the same names.
 
     Example:
         >>> same_arrays({"a": np.zeros(2)}, {"a": np.zeros(2, np.float32)})
@@ -153,11 +157,11 @@ def same_arrays(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
     )
 
 
-def _require(kept: bool, promise: str) -> None:
-    if not kept:  # an assertion that stays under ``python -O``: plug-ins are judged by it
-        raise AssertionError(promise)
+def _require(condition: bool, requirement: str) -> None:
+    if not condition:  # raised explicitly, because ``python -O`` removes assert statements
+        raise AssertionError(requirement)
 
 
-def _arrays(walk: list[Transition]) -> list[np.ndarray]:
-    maps = [getattr(state, name) for step in walk for state in (step.before, step.after) for name in _MAPS]
-    return maps + [getattr(step.observation, name) for step in walk for name in _IMAGES]
+def _arrays(transitions: list[Transition]) -> list[np.ndarray]:
+    maps = [getattr(state, name) for step in transitions for state in (step.before, step.after) for name in _MAPS]
+    return maps + [getattr(step.observation, name) for step in transitions for name in _IMAGES]

@@ -1,6 +1,6 @@
 """Explored area coverage, the ``cov.`` of AutoNeRF (Marza et al., section 4.1)."""
 
-from autonerf_lab.rewards.base import growth
+from autonerf_lab.rewards.base import newly_set_area
 from autonerf_lab.types import Transition
 
 
@@ -14,4 +14,4 @@ def cov(transition: Transition) -> float:
         >>> cov(step)
         0.25
     """
-    return growth(transition.before.explored, transition.after.explored, transition.after)
+    return newly_set_area(transition.before.explored, transition.after.explored, transition.after)

@@ -12,43 +12,42 @@ from autonerf_lab.geometry import block_shares
 from autonerf_lab.rewards.learner import Learner, State, check_state, seeded
 from autonerf_lab.types import Action, MapState, Observation, Transition
 
-SIDE = 42  # pixels a side of what the encoder sees
-FAR = 10.0  # metres; depth is cut there
-BLOCKS_A_SIDE, BLOCK = 32, 1.0  # of the chart, and metres a side of one
-WEIGHT = 100.0  # of the chart: a step that shows new ground surprises several times as much as one that does not
-FEATURES = 128  # of the picture, and as many of the chart
+SIDE = 42  # pixels a side of the input of the encoder
+FAR = 10.0  # metres; larger depths are clipped
+BLOCKS_A_SIDE, BLOCK = 32, 1.0  # size of the coarse map; side of a block, metres
+WEIGHT = 100.0  # of the coarse map: new ground gives a prediction error several times that of a step without
+FEATURES = 128  # of the image, and as many of the coarse map
 HIDDEN = 256
 BLOCKS = 4
 DISCOUNT = 0.99
 RATE = 1e-3
-PASSES = 4  # over what was collected: a model that lags behind is surprised by all and tells nothing apart
-MEMORY = 2000  # steps; older returns fade from the statistics, which an untrained model would rule for long
-KEPT = 8192  # steps that nobody has collected yet
+PASSES = 4  # over the samples of an update; with fewer passes all prediction errors stay large and alike
+MEMORY = 2000  # steps, window of the running statistics: errors of the untrained model must fade from them
+MAX_SAMPLES = 8192  # steps that are kept until the next collect
 
 
 class Curiosity:
-    """Surprise of a forward model, standard deviations of its return: ``sum((phi_hat(s, a) - phi(s'))^2)``.
+    """Prediction error of a forward model, standard deviations of its return: ``sum((phi_hat(s, a) - phi(s'))^2)``.
 
-    phi stands for what the robot knows (theirs is the recurrent state of the policy): the picture, colours and depth at
-    42 x 42 pixels (where colours are off, depth alone), and the chart, which ground is explored and occupied in blocks
-    of 1 m. Of the picture alone whatever is rich in detail is a surprise, however often it was seen. phi is a random
-    network that is never trained: a trained one would please the forward model best by seeing the same everywhere, and
-    Burda et al. 2018, "Large-Scale Study of Curiosity-Driven Learning", found random features to do about as well as
-    the best alternatives. As there, errors are divided by the running standard deviation of their discounted sum over
-    all steps, which :meth:`update` keeps; before the first update, by the 100 steps that this sum reaches over. At
-    first the model predicts that nothing changes. The first step of an episode, before which nothing was seen, has the
-    reward 0.
+    phi encodes the state of the robot (in the paper, the recurrent state of the policy): the color and depth image at
+    42 x 42 pixels (depth alone if colors are off), and a coarse map, the explored and occupied share of blocks of 1 m.
+    With the image alone, detailed surfaces always have a large error, however often they were seen. phi is a fixed
+    random network: a trained encoder could minimise the error by mapping all states to the same features, and Burda et
+    al. 2018, "Large-Scale Study of Curiosity-Driven Learning", found random features about as good as the best
+    alternatives. As there, errors are divided by the running standard deviation of their discounted sum, which
+    :meth:`update` maintains; before the first update, by 100 steps, the horizon of the sum. Initially the model
+    predicts no change. The reward of the first step of an episode is 0.
 
-    An error counts relative to the mean error of the same action. A turn changes more of the picture than a step ahead
-    and is harder to predict wherever the robot stands: without this, turning on the spot is the most curious thing.
+    Each error is divided by the mean error of the same action. A turn changes the image more than a step forward and is
+    harder to predict everywhere; without the division, turning on the spot would have the largest reward.
 
     Args:
-        seed: of the networks and of the order of the samples.
+        seed: random seed of the networks and of the order of the samples.
 
     Example:
         >>> import numpy as np
-        >>> from autonerf_lab.rewards.conformance import play, random_walk
-        >>> first, second = play(Curiosity(), random_walk(np.random.default_rng(0), 2))
+        >>> from autonerf_lab.rewards.conformance import random_transitions, run_episode
+        >>> first, second = run_episode(Curiosity(), random_transitions(np.random.default_rng(0), 2))
         >>> first, second > 0
         (0.0, True)
     """
@@ -56,30 +55,33 @@ class Curiosity:
     def __init__(self, seed: int = 0) -> None:
         self._networks = seeded(_Networks, seed)
         self._learner = Learner(self._networks, RATE, seed)
-        self._usual = np.zeros((len(Action), 2))  # error of each action: of how many steps, and their mean
-        self._return = np.zeros(4)  # the discounted sum of errors; how many such sums, their mean and variance
+        self._action_errors = np.zeros((len(Action), 2))  # count and mean of the errors of each action
+        self._return = np.zeros(4)  # discounted sum of errors; count, mean and variance of these sums
         self._previous: np.ndarray | None = None
-        self._seen: deque[tuple[np.ndarray, int, np.ndarray]] = deque(maxlen=KEPT)
+        self._samples: deque[tuple[np.ndarray, int, np.ndarray]] = deque(maxlen=MAX_SAMPLES)
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Forget the last observation."""
+        """Clear the last observation."""
         self._previous = None
 
     def __call__(self, transition: Transition) -> float:
+        """Return the normalised prediction error of one step."""
         before, action = self._previous, int(transition.action)
         with torch.inference_mode():
-            image, chart = _image(transition.observation), _chart(transition.after)
-            self._previous = after = self._networks.features(torch.from_numpy(image), torch.from_numpy(chart)).numpy()
+            image, coarse_map = _image(transition.observation), _coarse_map(transition.after)
+            self._previous = after = self._networks.features(
+                torch.from_numpy(image), torch.from_numpy(coarse_map)
+            ).numpy()
             if before is None:
                 return 0.0
-            self._seen.append((before, action, after))
+            self._samples.append((before, action, after))
             error = self._errors(*(torch.from_numpy(np.array([a])) for a in (before, action, after))).numpy()
         return float(self._relative(error, np.array([action]))[0] / self._scale)
 
     def collect(self) -> dict[str, np.ndarray]:
-        """``before``, ``after`` (N, 256) float32 features, ``action`` (N,) int64."""
-        before, action, after = zip(*self._seen, strict=True) if self._seen else ((), (), ())
-        self._seen.clear()
+        """Return ``before`` and ``after``, (N, 256) float32 features, and ``action``, (N,) int64."""
+        before, action, after = zip(*self._samples, strict=True) if self._samples else ((), (), ())
+        self._samples.clear()
         return {
             "before": np.array(before, np.float32).reshape(-1, 2 * FEATURES),
             "action": np.array(action, np.int64),
@@ -87,7 +89,7 @@ class Curiosity:
         }
 
     def update(self, batch: dict[str, np.ndarray]) -> dict[str, float]:
-        """``loss``: the mean error of the first pass, before it is divided."""
+        """Train the forward model; return ``loss``, the mean unnormalised error of the first pass."""
         columns = [torch.from_numpy(batch[k]) for k in ("before", "action", "after")]
         samples = len(columns[0])
         if not samples:
@@ -103,21 +105,21 @@ class Curiosity:
         return {"loss": losses[0]}
 
     def state_dict(self) -> State:
-        """Both networks, the optimiser, and the statistics of errors and returns."""
-        return self._learner.state_dict() | {"return": self._return.copy(), "usual": self._usual.copy()}
+        """Return both networks, the optimiser, and the statistics of errors and returns."""
+        return self._learner.state_dict() | {"return": self._return.copy(), "action_errors": self._action_errors.copy()}
 
     def load_state_dict(self, state: State) -> None:
-        """Go on from there."""
+        """Load a state of :meth:`state_dict`."""
         check_state(self.state_dict(), state)
         self._learner.load_state_dict(state)
-        self._return, self._usual = np.array(state["return"]), np.array(state["usual"])
+        self._return, self._action_errors = np.array(state["return"]), np.array(state["action_errors"])
 
     def _errors(self, before: torch.Tensor, action: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         return (self._networks(before, action) - after).square().sum(dim=1)
 
     def _relative(self, errors: np.ndarray, actions: np.ndarray) -> np.ndarray:
-        usual = self._usual[actions, 1]
-        return np.divide(errors, usual, out=errors.astype(float), where=usual > 0)
+        mean = self._action_errors[actions, 1]
+        return np.divide(errors, mean, out=errors.astype(float), where=mean > 0)
 
     @property
     def _scale(self) -> float:
@@ -125,15 +127,15 @@ class Curiosity:
 
     def _count_errors(self, errors: np.ndarray, actions: np.ndarray) -> None:
         for action in np.unique(actions):
-            of_it = errors[actions == action]
-            count = min(self._usual[action, 0] + len(of_it), max(MEMORY, len(of_it)))
-            mean = self._usual[action, 1]
-            self._usual[action] = count, mean + (of_it.mean() - mean) * len(of_it) / count
+            selected = errors[actions == action]
+            count = min(self._action_errors[action, 0] + len(selected), max(MEMORY, len(selected)))
+            mean = self._action_errors[action, 1]
+            self._action_errors[action] = count, mean + (selected.mean() - mean) * len(selected) / count
 
     def _count_returns(self, errors: np.ndarray) -> None:
         total, count, mean, variance = (float(v) for v in self._return)
         if not count:
-            total = mean = float(errors.mean()) / (1 - DISCOUNT)  # as if it had always been so
+            total = mean = float(errors.mean()) / (1 - DISCOUNT)  # as after a long time with this mean
         for error in errors.tolist():  # Welford 1962
             total = DISCOUNT * total + error
             count = min(count + 1, MEMORY)
@@ -144,7 +146,7 @@ class Curiosity:
 
 
 class _Networks(nn.Module):
-    """phi, of pictures and charts, which is fixed, and the forward model in its space."""
+    """Fixed encoders phi of images and coarse maps, and the forward model over their features."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -157,8 +159,8 @@ class _Networks(nn.Module):
             if parameter.ndim > 1:
                 nn.init.orthogonal_(parameter, np.sqrt(2))
             parameter.requires_grad_(False)
-        self.chart = nn.Linear(2 * BLOCKS_A_SIDE**2, FEATURES, bias=False).requires_grad_(False)
-        nn.init.orthogonal_(self.chart.weight, WEIGHT)
+        self.coarse_map = nn.Linear(2 * BLOCKS_A_SIDE**2, FEATURES, bias=False).requires_grad_(False)
+        nn.init.orthogonal_(self.coarse_map.weight, WEIGHT)
         self.first = nn.Linear(2 * FEATURES + len(Action), HIDDEN)
         self.blocks = nn.ModuleList(
             nn.Sequential(nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(), nn.Linear(HIDDEN, HIDDEN)) for _ in range(BLOCKS)
@@ -167,20 +169,20 @@ class _Networks(nn.Module):
         nn.init.zeros_(self.last.weight)
         nn.init.zeros_(self.last.bias)
 
-    def features(self, image: torch.Tensor, chart: torch.Tensor) -> torch.Tensor:
-        """(4, 42, 42) and (2, 32, 32) -> (256,): of the picture, then of the chart."""
-        return torch.cat([self.phi(image[None])[0], self.chart(chart.flatten())])
+    def features(self, image: torch.Tensor, coarse_map: torch.Tensor) -> torch.Tensor:
+        """Encode an image (4, 42, 42) and a coarse map (2, 32, 32) to (256,) features, in this order."""
+        return torch.cat([self.phi(image[None])[0], self.coarse_map(coarse_map.flatten())])
 
     def forward(self, before: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
-        """Features (N, 256) and actions (N,) -> features one step later (N, 256)."""
+        """Predict the next features, (N, 256), from features (N, 256) and actions (N,)."""
         x = leaky_relu(self.first(torch.cat([before, one_hot(action, len(Action))], dim=1)))
         for block in self.blocks:
             x = x + block(x)
         return before + self.last(x)
 
 
-def _chart(map: MapState) -> np.ndarray:
-    """(2, 32, 32) float32: which share of each block around the middle of the map is occupied, and explored."""
+def _coarse_map(map: MapState) -> np.ndarray:
+    """Return the occupied and the explored share of each block around the map's centre, (2, 32, 32) float32."""
     side = max(1, round(BLOCK / map.cell))
     half, first = BLOCKS_A_SIDE * side // 2, len(map.explored) // 2
     known = np.pad(np.stack([map.occupied, map.explored]), ((0, 0), (half, half), (half, half)))
@@ -188,7 +190,7 @@ def _chart(map: MapState) -> np.ndarray:
 
 
 def _image(observation: Observation) -> np.ndarray:
-    """(4, 42, 42) float32, colours and depth from 0 to 1."""
+    """Return color and depth, (4, 42, 42) float32 in [0, 1]."""
     rgb = Image.fromarray(observation.rgb).resize((SIDE, SIDE), Image.Resampling.BOX)
     depth = Image.fromarray(np.minimum(observation.depth, np.float32(FAR)))
     channels = [np.asarray(rgb, np.float32) / 255, np.asarray(depth.resize((SIDE, SIDE), Image.Resampling.BOX)) / FAR]

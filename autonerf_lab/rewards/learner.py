@@ -1,4 +1,4 @@
-"""What learned rewards share: a network that learns and whose state is plain arrays."""
+"""Network with optimiser, shared by the learned rewards; its state is a dict of arrays."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -17,39 +17,39 @@ Network = TypeVar("Network", bound=torch.nn.Module)
 
 
 def seeded(make: Callable[[], Network], seed: int) -> Network:
-    """A network whose first parameters follow from a seed; torch's own generator is left as it was."""
+    """Make a network with seeded initial parameters; the state of torch's global generator is restored."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return make()
 
 
 class Learner:
-    """A network, its optimiser (Adam) and the number of its passes.
+    """Network with its optimiser (Adam) and a counter of passes.
 
     Args:
-        network: what learns.
-        rate: of learning.
-        seed: of the order of the samples.
+        network: trained network.
+        rate: learning rate.
+        seed: random seed of the order of the samples.
     """
 
     def __init__(self, network: torch.nn.Module, rate: float, seed: int) -> None:
         self._network = network
-        self._learned = {k: p for k, p in network.named_parameters() if p.requires_grad}
-        self._optimizer = torch.optim.Adam(self._learned.values(), rate)
+        self._trainable = {k: p for k, p in network.named_parameters() if p.requires_grad}
+        self._optimizer = torch.optim.Adam(self._trainable.values(), rate)
         self._seed, self._passes = seed, 0
 
     def learn(self, samples: int, loss: Callable[[torch.Tensor], torch.Tensor]) -> float:
-        """One pass.
+        """Train for one pass.
 
         Args:
-            samples: how many there are.
-            loss: of some of them, given their rows.
+            samples: number of samples.
+            loss: returns the mean loss of the samples with the given indices.
 
         Returns:
-            The mean loss.
+            The mean loss of the pass.
 
         Raises:
-            TrainingError: it is not finite.
+            TrainingError: the loss is not finite.
         """
         order = np.random.default_rng((self._seed, self._passes)).permutation(samples)
         self._passes += 1
@@ -65,32 +65,32 @@ class Learner:
         return total / samples
 
     def state_dict(self) -> State:
-        """Parameters, both moments and the number of steps of each, seed and passes."""
+        """Return parameters, their moments and number of steps, the seed and the number of passes."""
         state = {f"network.{k}": v.numpy().copy() for k, v in self._network.state_dict().items()}
-        for name, parameter in self._learned.items():
-            kept = self._optimizer.state.get(parameter, {})
-            state[f"steps.{name}"] = np.array(float(kept.get("step", 0)), np.float32)
+        for name, parameter in self._trainable.items():
+            moments = self._optimizer.state.get(parameter, {})
+            state[f"steps.{name}"] = np.array(float(moments.get("step", 0)), np.float32)
             for moment in _MOMENTS:
-                state[f"{moment}.{name}"] = kept.get(moment, torch.zeros_like(parameter)).detach().numpy().copy()
+                state[f"{moment}.{name}"] = moments.get(moment, torch.zeros_like(parameter)).detach().numpy().copy()
         return state | {"passes": np.array([self._seed, self._passes], np.int64)}
 
     def load_state_dict(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from there; :func:`check_state` comes first."""
+        """Load a state that :func:`check_state` accepts."""
         tensors = {k: torch.from_numpy(np.array(v)) for k, v in state.items()}
         self._network.load_state_dict({k: tensors[f"network.{k}"] for k in self._network.state_dict()})
-        for name, parameter in self._learned.items():
+        for name, parameter in self._trainable.items():
             moments = {moment: tensors[f"{moment}.{name}"] for moment in _MOMENTS}
             self._optimizer.state[parameter] = {"step": tensors[f"steps.{name}"]} | moments
         self._seed, self._passes = (int(v) for v in state["passes"])
 
 
 def check_state(expected: Mapping[str, np.ndarray], state: Mapping[str, np.ndarray]) -> None:
-    """Whether a state has the names, shapes and types of another.
+    """Check that a state has the names, shapes and types of the expected one.
 
     Raises:
         DataError: names the first array that differs.
     """
     for name in sorted({*expected, *state}):
-        kinds = [f"{a.dtype} {a.shape}" if (a := d.get(name)) is not None else "nothing" for d in (expected, state)]
+        kinds = [f"{a.dtype} {a.shape}" if (a := d.get(name)) is not None else "missing" for d in (expected, state)]
         if kinds[0] != kinds[1]:
-            raise DataError(f"this is not the state of this reward: {name!r} is {kinds[1]}, not {kinds[0]}")
+            raise DataError(f"the state belongs to another reward: {name!r} is {kinds[1]}, not {kinds[0]}")

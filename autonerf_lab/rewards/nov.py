@@ -10,9 +10,9 @@ CELL = 0.5  # metres
 
 
 class Novelty:
-    """Novelty of the place the robot is in, dimensionless: ``1 / sqrt(N(cell))``.
+    """Novelty of the robot's position, dimensionless: ``1 / sqrt(N(cell))``.
 
-    N counts the steps of this episode that ended in the same cell of 0.5 m, this one included, by odometry.
+    N is the number of steps of this episode that ended in the same cell of 0.5 m, by odometry, including this step.
 
     Example:
         >>> from autonerf_lab.rewards.conformance import blank_transition
@@ -25,10 +25,11 @@ class Novelty:
         self._visits: Counter[tuple[int, int]] = Counter()
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Forget the last episode."""
+        """Clear the counts of the last episode."""
         self._visits.clear()
 
     def __call__(self, transition: Transition) -> float:
+        """Return the novelty after one step."""
         x, y = np.floor(transition.observation.pose[:2, 3] / CELL)
         self._visits[int(x), int(y)] += 1
         return float(1 / np.sqrt(self._visits[int(x), int(y)]))

@@ -1,6 +1,6 @@
 """Obstacle coverage, the ``obs.`` of AutoNeRF (Marza et al., section 4.1)."""
 
-from autonerf_lab.rewards.base import growth
+from autonerf_lab.rewards.base import newly_set_area
 from autonerf_lab.types import Transition
 
 
@@ -14,4 +14,4 @@ def obs(transition: Transition) -> float:
         >>> obs(step)
         0.25
     """
-    return growth(transition.before.occupied, transition.after.occupied, transition.after)
+    return newly_set_area(transition.before.occupied, transition.after.occupied, transition.after)

@@ -1,13 +1,13 @@
 """Semantic object coverage, the ``sem.`` of AutoNeRF (Marza et al., section 4.1)."""
 
-from autonerf_lab.rewards.base import growth
+from autonerf_lab.rewards.base import newly_set_area
 from autonerf_lab.types import Transition
 
 
 def sem(transition: Transition) -> float:
     """Newly mapped area of the 15 object classes, square metres: ``sum_ijk m_sem[t] - m_sem[t-1]``.
 
-    Where two classes share a cell, both count.
+    A cell with two classes counts twice.
 
     Example:
         >>> from autonerf_lab.rewards.conformance import blank_transition
@@ -16,4 +16,4 @@ def sem(transition: Transition) -> float:
         >>> sem(step)
         0.5
     """
-    return growth(transition.before.semantics, transition.after.semantics, transition.after)
+    return newly_set_area(transition.before.semantics, transition.after.semantics, transition.after)

@@ -1,4 +1,4 @@
-"""Visual concepts: what kinds of views there are, found in descriptors that need no training."""
+"""Visual concepts: clusters of hand-crafted image descriptors."""
 
 import numpy as np
 from PIL import Image
@@ -7,19 +7,19 @@ from autonerf_lab.rewards.learner import State
 from autonerf_lab.types import Observation
 
 CONCEPTS = 50
-SIDE = 84  # pixels a side of what is described
+SIDE = 84  # pixels a side of the resized image
 GRID = 4  # parts of the image along each side
 ORIENTATIONS = 8
-FAR = 5.0  # metres; depth is cut there
+FAR = 5.0  # metres; larger depths are clipped
 DESCRIPTOR = GRID**2 * (3 + ORIENTATIONS + 1)
 
 
 def describe(observation: Observation) -> np.ndarray:
-    """Coarse layout of colours and depth, and orientations of edges, over 4 x 4 parts of the image.
+    """Describe an image by mean color, mean depth and edge orientations of its 4 x 4 parts.
 
-    Colours are a brightness and two opponent axes (red - green, blue - yellow). Orientations are weighted by the
-    contrast of the edge (histograms of gradients, Dalal and Triggs 2005). A black image is told from others by its
-    depth alone.
+    Colors are brightness and two opponent axes (red - green, blue - yellow). Orientations are weighted by gradient
+    magnitude (histograms of oriented gradients, Dalal and Triggs 2005). The descriptors of black images differ only in
+    depth.
 
     Returns:
         (192,) float32.
@@ -42,30 +42,30 @@ def describe(observation: Observation) -> np.ndarray:
 
 
 class Concepts:
-    """50 clusters of descriptors, learned in mini-batches (Sculley 2010, "Web-Scale K-Means Clustering").
+    """50 clusters of descriptors by mini-batch k-means (Sculley 2010, "Web-Scale K-Means Clustering").
 
     Args:
-        seed: of which descriptors the clusters begin at.
+        seed: random seed of the order of the descriptors.
     """
 
     def __init__(self, seed: int) -> None:
         self._centres = np.zeros((CONCEPTS, DESCRIPTOR), np.float32)
-        self._counts = np.zeros(CONCEPTS, np.int64)  # descriptors that fell to each; 0 = it has no place yet
-        self._spread = np.zeros(2)  # sum of the squared distances to the nearest centre, and of how many
+        self._counts = np.zeros(CONCEPTS, np.int64)  # descriptors of each cluster; 0 = no centre yet
+        self._spread = np.zeros(2)  # sum of squared distances to the nearest centre, and their count
         self._seed = seed
 
     @property
     def known(self) -> bool:
-        """Whether all of them have a place."""
+        """True if all clusters have a centre."""
         return bool(self._counts.all())
 
     @property
     def prior(self) -> np.ndarray:
-        """(50,) float32, how frequent each is."""
+        """Frequency of each concept, (50,) float32."""
         return ((self._counts + 1) / (self._counts + 1).sum()).astype(np.float32)
 
     def learn(self, descriptors: np.ndarray) -> None:
-        """Move the centres towards descriptors (N, 192), each the less the more it has seen."""
+        """Move the centres towards descriptors (N, 192), with a step of 1 / count."""
         rng = np.random.default_rng((self._seed, int(self._counts.sum())))
         for descriptor in rng.permutation(descriptors):
             placed = int(np.count_nonzero(self._counts))
@@ -80,15 +80,15 @@ class Concepts:
             self._centres[nearest] += (descriptor - self._centres[nearest]) / self._counts[nearest]
             self._spread += distances[nearest], 1
 
-    def of(self, descriptors: np.ndarray) -> np.ndarray:
-        """Shares of the concepts in descriptors (..., 192): a softmax of squared distances, (..., 50) float32."""
+    def probabilities(self, descriptors: np.ndarray) -> np.ndarray:
+        """Return the softmax of negative squared distances of descriptors (..., 192): (..., 50) float32."""
         scale = self._spread[0] / self._spread[1] if self._spread[1] else 1.0
         squares = np.square(self._centres).sum(axis=1) - 2 * descriptors @ self._centres.T
         shares = np.exp((squares.min(axis=-1, keepdims=True) - squares) * np.float32(2 / (scale + 1e-6)))
         return np.asarray(shares / shares.sum(axis=-1, keepdims=True), np.float32)
 
     def state_dict(self) -> State:
-        """Centres, counts, spread and seed."""
+        """Return centres, counts, spread and seed."""
         return {
             "centres": self._centres.copy(),
             "counts": self._counts.copy(),
@@ -97,6 +97,6 @@ class Concepts:
         }
 
     def load_state_dict(self, state: State) -> None:
-        """Go on from there."""
+        """Load a state of :meth:`state_dict`."""
         self._centres, self._counts, self._spread = (np.array(state[k]) for k in ("centres", "counts", "spread"))
         self._seed = int(state["seed"])

@@ -1,4 +1,4 @@
-"""Several rewards as one."""
+"""Weighted sum of rewards."""
 
 import math
 from collections.abc import Mapping
@@ -13,15 +13,15 @@ Arrays = dict[str, np.ndarray]
 
 
 class WeightedSum:
-    """A weighted sum of rewards, unit of the sum: each term in its own times its weight.
+    """Weighted sum of rewards, mixed units: the unit of each term times its weight.
 
-    It passes on whatever a term has beside being called; arrays and losses of a term are ``term/name``.
+    Every optional method of the terms is forwarded; arrays and losses of a term get the prefix ``term/``.
 
     Args:
-        terms: name -> weight and reward.
+        terms: weight and reward of each name.
 
     Raises:
-        RewardError: there is no term, or a weight is not finite.
+        RewardError: no term, or a weight that is not finite.
 
     Example:
         >>> from autonerf_lab.rewards.conformance import blank_transition
@@ -35,61 +35,62 @@ class WeightedSum:
             raise RewardError("a weighted sum needs at least one term")
         for name, (weight, _) in terms.items():
             if not isinstance(weight, int | float) or not math.isfinite(weight):
-                raise RewardError(f"the weight of the reward {name!r} is {weight!r}, not a finite number")
+                raise RewardError(f"the weight of reward {name!r} is {weight!r}, not a finite number")
         self._terms = dict(terms)
         self._values = dict.fromkeys(self._terms, 0.0)
-        self._learned = {k: term for k, (_, term) in terms.items() if isinstance(term, LearnedReward)}
+        self._learners = {k: term for k, (_, term) in terms.items() if isinstance(term, LearnedReward)}
         self._privileged = [term for _, term in terms.values() if isinstance(term, PrivilegedReward)]
 
     def __call__(self, transition: Transition) -> float:
+        """Return the weighted sum of the rewards of one step."""
         self._values = {name: evaluate(term, transition, name) for name, (_, term) in self._terms.items()}
         return float(sum(weight * self._values[name] for name, (weight, _) in self._terms.items()))
 
     def terms(self) -> dict[str, float]:
-        """What each term was at the last step, before its weight; 0 at the start of an episode."""
+        """Return the unweighted value of each term at the last step; 0 at the start of an episode."""
         return dict(self._values)
 
     def reset(self, rng: np.random.Generator) -> None:
-        """An episode begins."""
+        """Reset all terms."""
         self._values = dict.fromkeys(self._terms, 0.0)
         for _, term in self._terms.values():
-            forget = getattr(term, "reset", None)
-            if forget is not None:
-                forget(rng)
+            reset = getattr(term, "reset", None)
+            if reset is not None:
+                reset(rng)
 
     @property
     def references(self) -> int:
-        """As many places as the term that wants most."""
+        """Largest number of references of any term."""
         return max((term.references for term in self._privileged), default=0)
 
-    def show(self, observations: list[Observation]) -> None:
-        """To each term as many places as it wants."""
+    def set_references(self, observations: list[Observation]) -> None:
+        """Pass each privileged term its number of references."""
         for term in self._privileged:
-            term.show(observations[: term.references])
+            term.set_references(observations[: term.references])
 
     def collect(self) -> Arrays:
-        """What the learned terms have seen."""
-        return {f"{name}/{k}": v for name, term in self._learned.items() for k, v in term.collect().items()}
+        """Collect the samples of the learned terms."""
+        return {f"{name}/{k}": v for name, term in self._learners.items() for k, v in term.collect().items()}
 
     def update(self, batch: Arrays) -> dict[str, float]:
-        """One pass of each learned term."""
-        learned = self._learned.items()
+        """Train each learned term for one pass."""
+        learned = self._learners.items()
         return {f"{name}/{k}": v for name, term in learned for k, v in term.update(_of(name, batch)).items()}
 
     def state_dict(self) -> Arrays:
-        """Of the learned terms."""
-        return {f"{name}/{k}": v for name, term in self._learned.items() for k, v in term.state_dict().items()}
+        """Return the states of the learned terms."""
+        return {f"{name}/{k}": v for name, term in self._learners.items() for k, v in term.state_dict().items()}
 
     def load_state_dict(self, state: Arrays) -> None:
-        """Go on from there.
+        """Load a state of :meth:`state_dict`.
 
         Raises:
-            DataError: it is the state of something else.
+            DataError: the state belongs to another reward.
         """
         for key in state:
-            if not any(key.startswith(f"{name}/") for name in self._learned):
-                raise DataError(f"this is not the state of this reward: none of its learned terms has {key!r}")
-        for name, term in self._learned.items():
+            if not any(key.startswith(f"{name}/") for name in self._learners):
+                raise DataError(f"the state belongs to another reward: no learned term of this sum has {key!r}")
+        for name, term in self._learners.items():
             term.load_state_dict(_of(name, state))
 
 

@@ -1,15 +1,15 @@
-"""Toilet, wash basin, bath tub, shower, washing machine."""
+"""Furniture models of bathrooms: toilet, wash basin, mirror, bath tub, shower, washing machine."""
 
 import numpy as np
 
 from autonerf_lab.scenes.cabinets import _tap
-from autonerf_lab.scenes.furniture_model import Model
+from autonerf_lab.scenes.furniture_model import FurnitureModel
 
 
-def toilet(rng: np.random.Generator) -> Model:
-    """A pedestal bowl with seat, lid (up or down) and a cistern."""
+def toilet(rng: np.random.Generator) -> FurnitureModel:
+    """Build a toilet: pedestal bowl with seat, lid (open or closed) and cistern."""
     w, d = float(rng.uniform(0.36, 0.39)), float(rng.uniform(0.64, 0.69))
-    model = Model(5, "toilet", (w, d, 0.92), clear=0.5)  # with its lid up
+    model = FurnitureModel(5, "toilet", (w, d, 0.92), clear=0.5)  # height with the lid open
     length = d - 0.2
     y = d / 2 - length / 2
     oval = {"n": 16, "scale": [w / 2, length / 2], "power": 2.4}
@@ -39,10 +39,10 @@ def toilet(rng: np.random.Generator) -> Model:
     return model
 
 
-def wash_basin(rng: np.random.Generator) -> Model:
-    """On a pedestal or on a cupboard."""
+def wash_basin(rng: np.random.Generator) -> FurnitureModel:
+    """Build a wash basin on a pedestal or on a cupboard."""
     w, d, h = float(rng.uniform(0.54, 0.68)), float(rng.uniform(0.44, 0.5)), 0.86
-    model = Model(9, "sink (wash basin)", (w, d, h + 0.16), clear=0.55)
+    model = FurnitureModel(9, "sink (wash basin)", (w, d, h + 0.16), clear=0.55)
     bowl = [(0.4, 0), (0.88, 0.09), (1, 0.15), (0.99, 0.165), (0.82, 0.16), (0.66, 0.09), (0.3, 0.045), (0, 0.04)]
     model.lathe(bowl, 0, 0, h - 0.165, "ceramic", n=18, power=3.2, scale=[w / 2, d / 2])
     if rng.random() < 0.5:
@@ -56,19 +56,19 @@ def wash_basin(rng: np.random.Generator) -> Model:
     return model
 
 
-def mirror(rng: np.random.Generator) -> Model:
-    """Over the wash basin, in a frame; what it shows is painted on."""
+def mirror(rng: np.random.Generator) -> FurnitureModel:
+    """Build a framed wall mirror; its reflection is part of the texture."""
     w, h = float(rng.uniform(0.5, 0.7)), float(rng.uniform(0.6, 0.8))
-    model = Model(0, "mirror", (w, 0.03, 1.15 + h), clear=0)
+    model = FurnitureModel(0, "mirror", (w, 0.03, 1.15 + h), clear=0)
     model.box(w, 0.02, h, 0, -0.005, 1.15, "frame_dark", omit="y")
     model.box(w - 0.06, 0.004, h - 0.06, 0, 0.007, 1.18, "mirror", omit="y")
     return model
 
 
-def bath_tub(rng: np.random.Generator, length: float) -> Model:
-    """Boxed in, along a wall, with taps at one end."""
+def bath_tub(rng: np.random.Generator, length: float) -> FurnitureModel:
+    """Build a boxed-in bath tub of a length in metres, with taps at one end."""
     d, h = 0.74, 0.56
-    model = Model(0, "bath tub", (length, d, h + 0.17), clear=0.4)
+    model = FurnitureModel(0, "bath tub", (length, d, h + 0.17), clear=0.4)
     model.box(length, d, h - 0.03, 0, 0, 0, "tub_side", omit="yzZ")
     rim = [(1.0, 0), (1.0, 0.03), (0.9, 0.035), (0.86, 0.0), (0.78, -0.36), (0.6, -0.4), (0, -0.41)]
     model.lathe(rim, 0, 0, h - 0.03, "ceramic", n=24, power=7, scale=[length / 2, d / 2])
@@ -77,10 +77,10 @@ def bath_tub(rng: np.random.Generator, length: float) -> Model:
     return model
 
 
-def shower(rng: np.random.Generator) -> Model:
-    """A tray in a corner with a rail, a head and a curtain on one side."""
+def shower(rng: np.random.Generator) -> FurnitureModel:
+    """Build a shower: tray, rail, shower head and a curtain on one side."""
     w = float(rng.uniform(0.8, 0.92))
-    model = Model(0, "shower", (w, w, 2.0), clear=0.5)
+    model = FurnitureModel(0, "shower", (w, w, 2.0), clear=0.5)
     rim = [(1.0, 0), (1.0, 0.12), (0.9, 0.125), (0.86, 0.06), (0, 0.05)]
     model.lathe(rim, 0, 0, 0, "ceramic", n=20, power=7, scale=[w / 2, w / 2])
     model.cylinder(0.012, 1.0, 0, -w / 2 + 0.05, 1.0, "chrome", 8)
@@ -94,9 +94,9 @@ def shower(rng: np.random.Generator) -> Model:
     return model
 
 
-def washing_machine(rng: np.random.Generator) -> Model:
-    """White, with a round door."""
-    model = Model(0, "washing machine", (0.6, 0.58, 0.85), clear=0.5)
+def washing_machine(rng: np.random.Generator) -> FurnitureModel:
+    """Build a white washing machine with a round door."""
+    model = FurnitureModel(0, "washing machine", (0.6, 0.58, 0.85), clear=0.5)
     model.box(0.6, 0.56, 0.85, 0, -0.01, 0, "appliance", omit="yz")
     model.lathe([(0.19, 0), (0.175, 0.03), (0.14, 0.03)], 0, 0.27, 0.44, "chrome", n=18, tilt=-np.pi / 2)
     model.lathe([(0.14, 0), (0.08, 0.018), (0, 0.022)], 0, 0.283, 0.44, "oven_glass", n=18, tilt=-np.pi / 2)

@@ -1,17 +1,17 @@
-"""Tables, shelves, cupboards, and what a kitchen is made of."""
+"""Furniture models of tables, shelves, cupboards and kitchen units."""
 
 import numpy as np
 
-from autonerf_lab.scenes.furniture_model import Model, pick
+from autonerf_lab.scenes.furniture_model import FurnitureModel, pick
 
 
-def dining_table(rng: np.random.Generator, room_for: float = 1.8) -> Model:
-    """Four legs, a trestle, or a round top on a foot."""
+def dining_table(rng: np.random.Generator, room_for: float = 1.8) -> FurnitureModel:
+    """Build a dining table with four legs, on trestles, or round on a foot; at most ``room_for`` metres long."""
     kind = str(pick(rng, "legs", "trestle", "round")) if room_for >= 1.15 else "legs"
     h = float(rng.uniform(0.73, 0.77))
     if kind == "round":
         r = float(rng.uniform(0.5, 0.6))
-        model = Model(7, "dining table (round)", (2 * r, 2 * r, h), clear=0)
+        model = FurnitureModel(7, "dining table (round)", (2 * r, 2 * r, h), clear=0)
         model.lathe(
             [(r * 0.45, 0), (r * 0.42, 0.03), (0.06, 0.07), (0.045, 0.3), (0.06, h - 0.06), (r * 0.5, h - 0.035)],
             0, 0, 0, "wood_table", n=14,
@@ -21,7 +21,7 @@ def dining_table(rng: np.random.Generator, room_for: float = 1.8) -> Model:
         return model
     w = min(room_for, float(rng.uniform(1.2, 1.8)))
     d = float(rng.uniform(0.78, 0.92))
-    model = Model(7, f"dining table ({kind})", (w, d, h), clear=0)
+    model = FurnitureModel(7, f"dining table ({kind})", (w, d, h), clear=0)
     model.box(w, d, 0.035, 0, 0, h - 0.035, "wood_table", omit="")
     if kind == "legs":
         model.legs(w, d, h - 0.035, 0.06, "wood_table", 0.02)
@@ -39,12 +39,12 @@ def dining_table(rng: np.random.Generator, room_for: float = 1.8) -> Model:
     return model
 
 
-def low_table(rng: np.random.Generator) -> Model:
-    """In front of a couch: a slab with a shelf, or round on three legs."""
+def low_table(rng: np.random.Generator) -> FurnitureModel:
+    """Build a coffee table: a rectangular top over a shelf, or round on three legs."""
     h = float(rng.uniform(0.36, 0.45))
     if rng.random() < 0.4:
         r = float(rng.uniform(0.36, 0.45))
-        model = Model(0, "coffee table (round)", (2 * r, 2 * r, h), clear=0)
+        model = FurnitureModel(0, "coffee table (round)", (2 * r, 2 * r, h), clear=0)
         for k in range(3):
             x, y = r * 0.65 * float(np.cos(2.1 * k)), r * 0.65 * float(np.sin(2.1 * k))
             model.lathe([(0.016, 0), (0.024, h - 0.03)], x, y, 0, "wood_low", n=6)
@@ -52,7 +52,7 @@ def low_table(rng: np.random.Generator) -> Model:
         model.surfaces.append((-r * 0.6, -r * 0.6, r * 0.6, r * 0.6, h, 0.8))
         return model
     w, d = float(rng.uniform(0.85, 1.15)), float(rng.uniform(0.48, 0.6))
-    model = Model(0, "coffee table", (w, d, h), clear=0)
+    model = FurnitureModel(0, "coffee table", (w, d, h), clear=0)
     model.legs(w, d, h - 0.04, 0.05, "wood_low")
     model.box(w, d, 0.04, 0, 0, h - 0.04, "wood_low", omit="")
     model.box(w - 0.06, d - 0.06, 0.02, 0, 0, 0.12, "wood_low", omit="")
@@ -60,12 +60,12 @@ def low_table(rng: np.random.Generator) -> Model:
     return model
 
 
-def shelf(rng: np.random.Generator, w: float | None = None) -> Model:
-    """Open shelves with a back: every board is a place for books."""
+def shelf(rng: np.random.Generator, w: float | None = None) -> FurnitureModel:
+    """Build open shelves with a back panel; small objects can stand on every board."""
     w = w or float(rng.uniform(0.75, 1.2))
     d, h = float(rng.uniform(0.28, 0.34)), float(pick(rng, 0.9, 1.45, 1.9))
     boards = max(2, round(h / 0.36))
-    model = Model(0, "shelf", (w, d, h), clear=0.5)
+    model = FurnitureModel(0, "shelf", (w, d, h), clear=0.5)
     for x in (-1, 1):
         model.box(0.022, d, h, x * (w / 2 - 0.011), 0, 0, "wood_shelf")
     model.box(w - 0.044, 0.01, h - 0.03, 0, -d / 2 + 0.005, 0, "wood_shelf", omit="xXyz")
@@ -88,9 +88,21 @@ def fronted(
     rows: int,
     body: str,
     plinth: float = 0.06,
-) -> Model:
-    """A cupboard or chest: a carcass with a grid of doors or drawers, each with a handle."""
-    model = Model(0, name, (w, d, h), clear=0.5)
+) -> FurnitureModel:
+    """Build a cupboard or chest of drawers: a carcass with a grid of fronts, each with a handle.
+
+    Args:
+        rng: Random generator of the variant.
+        name: Name of the object.
+        w: Width, metres.
+        d: Depth, metres.
+        h: Height, metres.
+        columns: Number of fronts side by side.
+        rows: Number of fronts above each other.
+        body: Material of the carcass; the fronts use ``body + "_front"``.
+        plinth: Height of the plinth, metres.
+    """
+    model = FurnitureModel(0, name, (w, d, h), clear=0.5)
     model.box(w, d - 0.02, h - plinth, 0, -0.01, plinth, body, omit="y")
     model.box(w - 0.02, d - 0.06, plinth, 0, -0.02, 0, "plinth", omit="yzZ")
     bar = bool(rng.random() < 0.5)
@@ -112,10 +124,10 @@ def fronted(
     return model
 
 
-def desk(rng: np.random.Generator) -> Model:
-    """A top on legs, with a block of drawers."""
+def desk(rng: np.random.Generator) -> FurnitureModel:
+    """Build a desk: a top on legs with a drawer unit."""
     w, d, h = float(rng.uniform(1.05, 1.4)), float(rng.uniform(0.58, 0.68)), float(rng.uniform(0.72, 0.75))
-    model = Model(0, "desk", (w, d, h), clear=0.75)
+    model = FurnitureModel(0, "desk", (w, d, h), clear=0.75)
     model.legs(w, d, h - 0.03, 0.045, "wood_desk")
     model.box(w, d, 0.03, 0, 0, h - 0.03, "wood_desk", omit="")
     x = w / 2 - 0.26
@@ -128,10 +140,10 @@ def desk(rng: np.random.Generator) -> Model:
     return model
 
 
-def fridge(rng: np.random.Generator, kitchen: bool = True) -> Model:
-    """Two doors over each other, freezer below or above, handles on one side."""
+def fridge(rng: np.random.Generator, kitchen: bool = True) -> FurnitureModel:
+    """Build a refrigerator with two doors, freezer below or above, handles on one side."""
     w, d, h = float(rng.uniform(0.58, 0.68)), float(rng.uniform(0.6, 0.66)), float(rng.uniform(1.65, 1.9))
-    model = Model(10, "refrigerator", (w, d + 0.03, h), clear=0.6)
+    model = FurnitureModel(10, "refrigerator", (w, d + 0.03, h), clear=0.6)
     body = str(pick(rng, "fridge", "fridge", "steel"))
     model.box(w, d - 0.07, h, 0, -0.035, 0, body, omit="yz")
     split = h * float(pick(rng, 0.36, 0.68))
@@ -143,10 +155,20 @@ def fridge(rng: np.random.Generator, kitchen: bool = True) -> Model:
     return model
 
 
-def kitchen_run(rng: np.random.Generator, width: float, with_sink: bool, with_oven: bool) -> list[tuple[Model, float]]:
-    """Base units in a row under one worktop, cut into separate models: (model, x of its middle from the row's middle).
+def kitchen_run(
+    rng: np.random.Generator, width: float, with_sink: bool, with_oven: bool
+) -> list[tuple[FurnitureModel, float]]:
+    """Build a row of kitchen base units under one worktop, as separate models.
 
-    The sink and the oven are objects of their own; wall cupboards hang over the rest.
+    Args:
+        rng: Random generator of the variant.
+        width: Width of the row, metres.
+        with_sink: Include a sink unit.
+        with_oven: Include an oven.
+
+    Returns:
+        One (model, x) per unit from left to right; x is the centre of the unit relative to the centre of the row,
+        metres.
     """
     d, h = 0.6, 0.9
     slots: list[tuple[str, float]] = []
@@ -164,7 +186,7 @@ def kitchen_run(rng: np.random.Generator, width: float, with_sink: bool, with_ov
     order = plain + slots if rng.random() < 0.5 else plain[:1] + slots + plain[1:]
     if units >= 3 and len(slots) == 2:
         order = [plain[0], slots[1], *plain[1:-1], slots[0], plain[-1]]
-    models: list[tuple[Model, float]] = []
+    models: list[tuple[FurnitureModel, float]] = []
     x = -width / 2
     for kind, w in order:
         maker = {"oven": _oven, "sink": _kitchen_sink, "unit": _unit}[kind]
@@ -173,11 +195,11 @@ def kitchen_run(rng: np.random.Generator, width: float, with_sink: bool, with_ov
     return models
 
 
-def _worktop(model: Model, w: float, d: float, h: float) -> None:
+def _worktop(model: FurnitureModel, w: float, d: float, h: float) -> None:
     model.box(w, d + 0.02, 0.038, 0, 0.01, h - 0.038, "worktop", omit="y")
 
 
-def _unit(rng: np.random.Generator, w: float, d: float, h: float) -> Model:
+def _unit(rng: np.random.Generator, w: float, d: float, h: float) -> FurnitureModel:
     rows = int(pick(rng, 1, 1, 3))  # type: ignore[call-overload]
     model = fronted(rng, "kitchen unit", w, d, h - 0.038, 1, rows, "kitchen", 0.1)
     model.surfaces.clear()
@@ -187,10 +209,10 @@ def _unit(rng: np.random.Generator, w: float, d: float, h: float) -> Model:
     return model
 
 
-def _oven(rng: np.random.Generator, w: float, d: float, h: float) -> Model:
-    """A cooker: glass door with a handle, a panel of knobs, four plates on top."""
+def _oven(rng: np.random.Generator, w: float, d: float, h: float) -> FurnitureModel:
+    """Build an oven with a glass door, a panel of knobs and a hob of four plates."""
     body = str(pick(rng, "oven_steel", "oven_white", "oven_black"))
-    model = Model(8, "oven", (w, d + 0.02, h), clear=0.6)
+    model = FurnitureModel(8, "oven", (w, d + 0.02, h), clear=0.6)
     model.box(w, d - 0.03, h - 0.03, 0, -0.015, 0, body, omit="yz")
     model.box(w - 0.012, 0.022, 0.5, 0, d / 2 - 0.02, 0.2, body, omit="y")
     model.box(w - 0.12, 0.006, 0.32, 0, d / 2 - 0.006, 0.25, "oven_glass", omit="y")
@@ -206,9 +228,9 @@ def _oven(rng: np.random.Generator, w: float, d: float, h: float) -> Model:
     return model
 
 
-def _kitchen_sink(rng: np.random.Generator, w: float, d: float, h: float) -> Model:
-    """A steel basin let into the worktop, with a drainer's rim and a tap."""
-    model = Model(9, "sink (kitchen)", (w, d + 0.02, h + 0.29), clear=0.6)
+def _kitchen_sink(rng: np.random.Generator, w: float, d: float, h: float) -> FurnitureModel:
+    """Build a kitchen sink: a steel basin set into the worktop, with a rim and a tap."""
+    model = FurnitureModel(9, "sink (kitchen)", (w, d + 0.02, h + 0.29), clear=0.6)
     model.box(w, d - 0.02, h - 0.2, 0, -0.01, 0, "kitchen", omit="yzZ")
     for i in (-1, 1):
         model.box(w / 2 - 0.008, 0.018, h - 0.15, i * w / 4, d / 2 - 0.011, 0.104, "kitchen_front", omit="y")
@@ -233,7 +255,7 @@ def _kitchen_sink(rng: np.random.Generator, w: float, d: float, h: float) -> Mod
     return model
 
 
-def _tap(model: Model, x: float, y: float, z: float, tall: float = 0.24) -> None:
+def _tap(model: FurnitureModel, x: float, y: float, z: float, tall: float = 0.24) -> None:
     model.cylinder(0.02, 0.05, x, y, z, "chrome", 8)
     model.cylinder(0.011, tall, x, y, z + 0.05, "chrome", 8)
     model.box(0.02, 0.17, 0.018, x, y + 0.08, z + tall + 0.035, "chrome", omit="")
@@ -241,11 +263,11 @@ def _tap(model: Model, x: float, y: float, z: float, tall: float = 0.24) -> None
     model.box(0.08, 0.012, 0.012, x + 0.045, y, z + 0.05, "chrome", omit="")
 
 
-def wall_cupboards(rng: np.random.Generator, w: float) -> Model:
-    """Cupboards that hang over the worktop. The origin is on the floor under them."""
+def wall_cupboards(rng: np.random.Generator, w: float) -> FurnitureModel:
+    """Build wall cupboards to hang over a worktop; the origin is on the floor below them."""
     h, d = 0.62, 0.33
     n = max(1, round(w / 0.5))
-    model = Model(0, "wall cupboard", (w, d, 1.45 + h), clear=0)
+    model = FurnitureModel(0, "wall cupboard", (w, d, 1.45 + h), clear=0)
     model.box(w, d - 0.018, h, 0, -0.009, 1.45, "kitchen", omit="y")
     for k in range(n):
         fw = w / n
@@ -257,9 +279,9 @@ def wall_cupboards(rng: np.random.Generator, w: float) -> Model:
     return model
 
 
-def hood(rng: np.random.Generator, w: float) -> Model:
-    """An extractor over the cooker."""
-    model = Model(0, "extractor hood", (w, 0.45, 2.4), clear=0)
+def hood(rng: np.random.Generator, w: float) -> FurnitureModel:
+    """Build an extractor hood to hang over an oven."""
+    model = FurnitureModel(0, "extractor hood", (w, 0.45, 2.4), clear=0)
     model.box(w, 0.45, 0.06, 0, 0, 1.55, "steel", omit="y")
     model.box(0.28, 0.26, 0.8, 0, -0.095, 1.61, "steel", omit="yzZ")
     return model

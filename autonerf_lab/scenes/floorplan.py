@@ -1,14 +1,13 @@
-"""Stages one and two: the plan of the rooms, then doors and windows.
+"""Generator stage 1: floor plan of the rooms.
 
-Homes are laid out as architects of flats do it: a corridor with a band of rooms on one or either side, the living room
-across its end, around its end (an L) or along it; or a corridor that turns a corner, with rooms on all its sides. Bands
-of unequal length give L-shaped outlines; the whole is mirrored and turned at random. Small flats have no separate
-kitchen.
+A plan has a corridor with a band of rooms on one or both sides and the living room across the end of the corridor,
+around it (L-shaped) or along it; or an L-shaped corridor with rooms on all sides. Bands of unequal length give L-shaped
+outlines. The plan is mirrored and transposed at random. Small apartments have no separate kitchen.
 """
 
 import numpy as np
 
-from autonerf_lab.scenes.layout import COOKING, DOOR_HEIGHT, LIVING, WALL, Layout, Opening, Rect, Room, net_polygon
+from autonerf_lab.scenes.layout import WALL, Layout, Rect, Room, net_polygon
 
 # category: smallest and largest area in m2, shortest side in m
 PROGRAM = {
@@ -20,7 +19,7 @@ PROGRAM = {
     "bedroom": (10.5, 17.0, 2.85),
     "study": (8.0, 12.0, 2.45),
 }
-# beside corridor and living room: (weight, rooms)
+# (sampling weight, rooms besides corridor and living room)
 HOMES: list[tuple[float, list[str]]] = [
     (0.06, ["bath"]),
     (0.14, ["bath", "bedroom"]),
@@ -31,25 +30,25 @@ HOMES: list[tuple[float, list[str]]] = [
     (0.12, ["kitchen", "bath", "bedroom", "bedroom", "bedroom", "bath"]),
     (0.08, ["kitchen", "bath", "bedroom", "bedroom", "study", "bath"]),
 ]
-MIN_AREA, MAX_AREA = 40.5, 139.5  # that one can stand on
+MIN_AREA, MAX_AREA = 40.5, 139.5  # m2, sum of the inner areas of the rooms
 
 
 def plan_rooms(layout: Layout, rng: np.random.Generator) -> None:
-    """Fill ``layout.rooms``: 3 to 8 rooms on 40 to 140 m2, every one beside the corridor or the living room.
+    """Fill ``layout.rooms`` with 3 to 8 rooms on 40 to 140 m2, each next to the corridor or the living room.
 
-    The living room and the corridor come last.
+    The living room is the last but one, the corridor the last room.
     """
     weights = np.array([weight for weight, _ in HOMES])
     others = HOMES[int(rng.choice(len(HOMES), p=weights / weights.sum()))][1]
     living = "living" if "kitchen" in others else "open-plan" if "bedroom" in others else "studio"
     shapes = ["across"] if living != "living" else ["across", "around", "along", *["corner"] * 2 * (len(others) > 3)]
     shape = str(rng.choice(shapes))
-    while True:  # most numbers make no home
+    while True:  # rejection sampling: most proportions give no valid plan
         roomy = float(rng.uniform(0.95, 1.3))
-        rooms = _corner(others, roomy, rng) if shape == "corner" else _bands(shape, living, others, roomy, rng)
+        rooms = _corner_plan(others, roomy, rng) if shape == "corner" else _band_plan(shape, living, others, roomy, rng)
         if rooms is None:
             continue
-        _turn(rooms, rng)
+        _mirror_and_transpose(rooms, rng)
         for room in rooms:
             room.polygon = net_polygon(room.rects)
         if MIN_AREA <= sum(room.shape.area for room in rooms) <= MAX_AREA:
@@ -65,13 +64,14 @@ def _narrow(category: str, rect: Rect) -> bool:
     return min(rect[2] - rect[0], rect[3] - rect[1]) - WALL < PROGRAM[category][2] - 0.25
 
 
-def _bands(  # noqa: PLR0911  each return names one way in which a plan is no home
+def _band_plan(  # noqa: PLR0911  each return is one reason to reject a plan
     shape: str, living_kind: str, others: list[str], roomy: float, rng: np.random.Generator
 ) -> list[Room] | None:
+    """Lay out a straight corridor with bands of rooms; None if the sampled proportions give no valid plan."""
     corridor = float(rng.uniform(1.32, 1.75))
     depths = [float(rng.uniform(2.75, 4.3)), float(rng.uniform(3.1, 4.6))]  # lower band, upper band
     others = [str(o) for o in rng.permutation(others)]
-    others.sort(key=lambda o: o == "kitchen")  # the kitchen comes last in its band: beside the living room
+    others.sort(key=lambda o: o == "kitchen")  # the kitchen is last in its band, next to the living room
     area = [_area(o, roomy, rng) for o in others]
     living_area = _area(living_kind, roomy, rng)
     bands: list[list[int]] = [[], []]
@@ -91,7 +91,7 @@ def _bands(  # noqa: PLR0911  each return names one way in which a plan is no ho
     rooms: list[Room] = []
     ends = [0.0, 0.0]
     stretch = [1.0, 1.0]
-    if rng.random() < 0.6 and shape == "across" and min(filled) > 0:  # flush bands
+    if rng.random() < 0.6 and shape == "across" and min(filled) > 0:  # bands of equal length
         common = float(np.mean(filled))
         stretch = [common / f for f in filled]
     for side, (low, high) in enumerate([(0.0, y1), (y2, y3)]):
@@ -109,7 +109,7 @@ def _bands(  # noqa: PLR0911  each return names one way in which a plan is no ho
         shortest = ends[0] if one_sided else min(ends)
         if width < PROGRAM[living_kind][2] or width > 8.5 or shortest < reach - 2.2 or shortest < 1.8:
             return None
-        # a shorter band ends at the living room too: its last room is stretched
+        # a shorter band also ends at the living room: its last room is stretched
         for side in (0, 1):
             if bands[side] and ends[side] < reach - 1e-6 and not _stretch_last(rooms, bands, side, reach):
                 return None
@@ -135,7 +135,7 @@ def _bands(  # noqa: PLR0911  each return names one way in which a plan is no ho
             return None
     rooms.append(Room(living_kind, living))
     rooms.append(Room("corridor", [(0.0, y1, corridor_end, y2)]))
-    # every room of a band must open on the corridor or the living room
+    # every room of a band needs a wall shared with the corridor or the living room
     for room in rooms[:-2]:
         x0, _, x1, y = room.rects[0]
         touch = min(x1, reach if shape == "around" and y < y2 else corridor_end) - x0
@@ -144,16 +144,16 @@ def _bands(  # noqa: PLR0911  each return names one way in which a plan is no ho
     return rooms
 
 
-def _corner(others: list[str], roomy: float, rng: np.random.Generator) -> list[Room] | None:
-    """A corridor that turns left: rooms below it, between its arms and right of it, the living room at the bend."""
+def _corner_plan(others: list[str], roomy: float, rng: np.random.Generator) -> list[Room] | None:
+    """Lay out an L-shaped corridor: rooms below it, between its arms and right of it, the living room at the bend."""
     wide = float(rng.uniform(1.32, 1.7))
     below, between, right = (float(rng.uniform(*depth)) for depth in ((2.75, 4.2), (2.75, 4.2), (3.6, 5.0)))
     others = [str(o) for o in rng.permutation(others)]
     sides = [int(side) for side in rng.choice(3, size=len(others), p=[0.4, 0.3, 0.3])]
     area = [_area(o, roomy, rng) for o in others]
     total = [sum(a for a, side in zip(area, sides, strict=True) if side == k) for k in range(3)]
-    turn = total[0] / below  # x where the right band begins
-    inner = turn - wide  # x where the rooms between the arms end: they are stretched to get there
+    right_x = total[0] / below  # x where the right band begins
+    inner = right_x - wide  # x where the rooms between the arms end after stretching
     bend = _area("living", roomy, rng) / right  # y where the living room ends
     top = bend + total[2] / right
     y1, y2, y3 = below, below + wide, below + wide + between
@@ -167,16 +167,17 @@ def _corner(others: list[str], roomy: float, rng: np.random.Generator) -> list[R
     for kind, side, size in zip(others, sides, area, strict=True):
         a, b = at[side], at[side] + size / per_metre[side]
         at[side] = b
-        rects: list[Rect] = [(a, 0.0, b, y1), (a, y2, b, y3), (turn, a, turn + right, b)]
+        rects: list[Rect] = [(a, 0.0, b, y1), (a, y2, b, y3), (right_x, a, right_x + right, b)]
         if _narrow(kind, rects[side]) or b - a > 6.5 or (side == 2 and b - max(a, y2) < 1.3):
             return None
         rooms.append(Room(kind, [rects[side]]))
-    rooms.append(Room("living", [(turn, 0.0, turn + right, bend)]))
-    rooms.append(Room("corridor", [(0.0, y1, turn, y2), (inner, y2, turn, top)]))
+    rooms.append(Room("living", [(right_x, 0.0, right_x + right, bend)]))
+    rooms.append(Room("corridor", [(0.0, y1, right_x, y2), (inner, y2, right_x, top)]))
     return rooms
 
 
 def _stretch_last(rooms: list[Room], bands: list[list[int]], side: int, reach: float) -> bool:
+    """Stretch the last room of a band to x = ``reach``; False if it would become too large."""
     index = (0 if side == 0 else len(bands[0])) + len(bands[side]) - 1
     x0, y0, _, y1 = rooms[index].rects[0]
     area = (reach - x0) * (y1 - y0)
@@ -186,17 +187,17 @@ def _stretch_last(rooms: list[Room], bands: list[list[int]], side: int, reach: f
     return True
 
 
-def _turn(rooms: list[Room], rng: np.random.Generator) -> None:
-    """Mirror and transpose at random; then move the lower corner to the origin and round to millimetres."""
+def _mirror_and_transpose(rooms: list[Room], rng: np.random.Generator) -> None:
+    """Mirror and transpose at random, then move the lower corner to the origin and round to centimetres."""
     flip_x, flip_y, swap = (bool(v) for v in rng.integers(0, 2, 3))
     for room in rooms:
-        turned = []
+        mirrored = []
         for x0, y0, x1, y1 in room.rects:
             along = (-x1, -x0) if flip_x else (x0, x1)
             up = (-y1, -y0) if flip_y else (y0, y1)
             first, second = (up, along) if swap else (along, up)
-            turned.append((first[0], second[0], first[1], second[1]))
-        room.rects = turned
+            mirrored.append((first[0], second[0], first[1], second[1]))
+        room.rects = mirrored
     low_x = min(r[0] for room in rooms for r in room.rects)
     low_y = min(r[1] for room in rooms for r in room.rects)
     for room in rooms:
@@ -204,149 +205,3 @@ def _turn(rooms: list[Room], rng: np.random.Generator) -> None:
             (round(a - low_x, 2), round(b - low_y, 2), round(c - low_x, 2), round(d - low_y, 2))
             for a, b, c, d in room.rects
         ]
-
-
-def shared_walls(a: Room, b: Room) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Stretches of wall the two rooms share, as (start, end) on the middle of the wall."""
-    found = []
-    for p, q in a.edges():
-        d = (q - p) / np.linalg.norm(q - p)
-        outward = np.array([d[1], -d[0]])
-        for r, s in b.edges():
-            if abs((r - p) @ outward - WALL) > 1e-3 or abs((s - p) @ outward - WALL) > 1e-3:
-                continue
-            low = max(0.0, min((r - p) @ d, (s - p) @ d))
-            high = min(float(np.linalg.norm(q - p)), max((r - p) @ d, (s - p) @ d))
-            if high - low > 0.9:
-                middle = p + outward * WALL / 2
-                found.append((middle + d * low, middle + d * high))
-    return found
-
-
-def place_openings(layout: Layout, rng: np.random.Generator) -> None:
-    """Doors that join every room, an entrance, and windows in the outer walls."""
-    corridor = len(layout.rooms) - 1
-    living = corridor - 1
-    _door(layout, corridor, living, float(rng.choice([0.95, 1.3, 1.5])), rng)
-    baths = [k for k in range(living) if layout.rooms[k].category == "bath"]
-    bedrooms = [k for k in range(living) if layout.rooms[k].category == "bedroom"]
-    for k in range(living):
-        width = float(rng.uniform(0.84, 0.94))
-        if k in baths[1:] and any(_door(layout, k, bedroom, width, rng) for bedroom in bedrooms):
-            continue  # en suite
-        if not _door(layout, k, corridor, width, rng):
-            _door(layout, k, living, width, rng)
-        elif layout.rooms[k].category == "kitchen" and rng.random() < 0.65:
-            _door(layout, k, living, float(rng.choice([0.9, 1.2, 1.4])), rng)
-    add_entrance(layout, corridor)
-    for k, room in enumerate(layout.rooms):
-        add_windows(layout, k, room, rng)
-
-
-def _door(layout: Layout, a: int, b: int, width: float, rng: np.random.Generator) -> bool:
-    walls = shared_walls(layout.rooms[a], layout.rooms[b])
-    walls = [w for w in walls if np.linalg.norm(w[1] - w[0]) > 0.9 + 0.24]
-    if not walls:
-        return False
-    p, q = max(walls, key=lambda w: float(np.linalg.norm(w[1] - w[0])))
-    length = float(np.linalg.norm(q - p))
-    d = (q - p) / length
-    width = min(width, length - 0.24)
-    slack = length - width - 0.24
-    # near one end leaves the longest wall for furniture
-    place = (
-        0.12 + width / 2 + slack * float(rng.choice([rng.uniform(0, 0.12), rng.uniform(0.88, 1), rng.uniform(0, 1)]))
-    )
-    at = p + d * place
-    layout.openings.append(
-        Opening(
-            "door", (float(at[0]), float(at[1])), (float(d[0]), float(d[1])), round(width, 3), 0.0, DOOR_HEIGHT, [a, b]
-        )
-    )
-    return True
-
-
-def outer_edges(layout: Layout, index: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Stretches of a room's walls with no other room behind them, as (p, q) with the room on the left."""
-    room = layout.rooms[index]
-    found = []
-    for p, q in room.edges():
-        length = float(np.linalg.norm(q - p))
-        d = (q - p) / length
-        outward = np.array([d[1], -d[0]])
-        hidden = []
-        for k, other in enumerate(layout.rooms):
-            if k == index:
-                continue
-            for x0, y0, x1, y1 in other.rects:
-                corners = np.array([[x0, y0], [x1, y1]]) - p
-                along, off = np.sort(corners @ d), np.sort(corners @ outward)
-                if off[0] < 0.2 < off[1] and along[1] > 0 and along[0] < length:
-                    hidden.append((along[0] - WALL, along[1] + WALL))
-        free = 0.0
-        for low, high in sorted(hidden):
-            if low - free > 0.5:
-                found.append((p + d * free, p + d * min(low, length)))
-            free = max(free, high)
-        if length - free > 0.5:
-            found.append((p + d * free, q))
-    return found
-
-
-def add_entrance(layout: Layout, room: int) -> bool:
-    """The door of the home, in an outer wall of that room; False if it has none for it."""
-    edges = [e for e in outer_edges(layout, room) if np.linalg.norm(e[1] - e[0]) > 1.0]
-    if not edges:
-        return False
-    p, q = min(edges, key=lambda e: abs(float(np.linalg.norm(e[1] - e[0])) - 1.3))
-    length = float(np.linalg.norm(q - p))
-    d = (q - p) / length
-    width = min(0.95, length - 0.2)
-    at = p + d * (length / 2 if length < 2 else 0.2 + width / 2)
-    layout.openings.append(
-        Opening(
-            "entrance", (float(at[0]), float(at[1])), (float(d[0]), float(d[1])), round(width, 3), 0.0, 2.05, [room]
-        )
-    )
-    return True
-
-
-def add_windows(layout: Layout, index: int, room: Room, rng: np.random.Generator) -> None:
-    """Windows in the longest outer walls of a room, as many and as high as its use asks for."""
-    if room.category == "corridor":
-        return
-    edges = sorted(outer_edges(layout, index), key=lambda e: -float(np.linalg.norm(e[1] - e[0])))
-    wanted = 3 if room.category in LIVING else {"bedroom": 2, "kitchen": 1, "bath": 1, "study": 1}[room.category]
-    for p, q in edges[:2]:
-        length = float(np.linalg.norm(q - p))
-        d = (q - p) / length
-        small = room.category == "bath"
-        count = 1 if length < 4.4 or small else 2
-        for k in range(min(count, wanted)):
-            width = (
-                float(rng.uniform(0.55, 0.8))
-                if small
-                else float(rng.uniform(1.0, min(1.9, max(1.05, length / count - 0.8))))
-            )
-            if length < width + 0.4:
-                continue
-            at = p + d * (length * (k + 0.5) / count)
-            tall = room.category in LIVING and rng.random() < 0.45
-            low = 1.3 if small else (0.12 if tall else float(rng.choice([0.85, 0.95, 1.0])))
-            if room.category in COOKING:
-                low = 1.12  # above the worktop
-            high = min(layout.height - 0.22, 2.2)
-            layout.openings.append(
-                Opening(
-                    "window",
-                    (float(at[0]), float(at[1])),
-                    (float(d[0]), float(d[1])),
-                    round(width, 2),
-                    low,
-                    round(high, 2),
-                    [index],
-                )
-            )
-            wanted -= 1
-        if wanted <= 0:
-            return

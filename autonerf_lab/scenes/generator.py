@@ -1,4 +1,4 @@
-"""The generator: plan, doors, furniture, objects, materials, light; each stage is a function that can be replaced."""
+"""Generator of furnished apartments: a sequence of stages that fill a layout, each a replaceable function."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,10 +7,12 @@ import numpy as np
 from autonerf_lab.classes import CLASS_NAMES
 from autonerf_lab.errors import SceneError
 from autonerf_lab.scenes.build import build
-from autonerf_lab.scenes.floorplan import place_openings, plan_rooms
+from autonerf_lab.scenes.floorplan import plan_rooms
 from autonerf_lab.scenes.furnishing import place_furniture
 from autonerf_lab.scenes.layout import Layout
-from autonerf_lab.scenes.materials_and_lights import choose_materials, place_lights
+from autonerf_lab.scenes.lights import place_lights
+from autonerf_lab.scenes.materials import choose_materials
+from autonerf_lab.scenes.openings import place_openings
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.small_objects import place_objects
 from autonerf_lab.scenes.spec import FORMAT, VERSION, tidy
@@ -18,19 +20,19 @@ from autonerf_lab.scenes.structure import structure_parts
 
 Stage = Callable[[Layout, np.random.Generator], None]
 STAGES: tuple[Stage, ...] = (plan_rooms, place_openings, place_furniture, place_objects, choose_materials, place_lights)
-ATTEMPTS = 60
+ATTEMPTS = 60  # layouts tried per seed
 
 
 def generate_apartment(seed: int, name: str | None = None, stages: Sequence[Stage] = STAGES) -> Scene:
-    """A furnished apartment, the same for the same seed: 40 to 140 m2, all 15 classes.
+    """Generate a furnished apartment of 40 to 140 m2 with all 15 classes, reproducible by its seed.
 
     Args:
-        seed: any non-negative integer.
-        name: of the scene; without one, ``apartment-SEED``.
-        stages: plan, doors, furniture, objects, materials, light: each changes the layout in place.
+        seed: Random seed, any non-negative integer.
+        name: Name of the scene; default: ``apartment-SEED``.
+        stages: Functions that fill the layout in place: plan, openings, furniture, small objects, materials, lights.
 
     Raises:
-        SceneError: no plan could be furnished (with the built-in stages: not seen in a thousand seeds).
+        SceneError: No attempt produced an apartment with all classes (did not occur in 1000 seeds).
 
     Example:
         >>> scene = generate_apartment(7)
@@ -41,35 +43,40 @@ def generate_apartment(seed: int, name: str | None = None, stages: Sequence[Stag
 
 
 def generate_spec(seed: int, name: str | None = None, stages: Sequence[Stage] = STAGES) -> dict:
-    """The specification :func:`generate_apartment` builds from: plain JSON, see ``autonerf_lab.scenes.spec``."""
+    """Generate the specification of an apartment: plain JSON, see :mod:`autonerf_lab.scenes.spec`.
+
+    Arguments and errors are those of :func:`generate_apartment`.
+    """
     rng = np.random.default_rng(seed)
     for _ in range(ATTEMPTS):
         layout = Layout(seed, round(float(rng.uniform(2.5, 2.7)), 2))
         complete = True
         for stage in stages:
             stage(layout, rng)
-            if stage is place_objects and {t.class_id for t in layout.things} != set(range(len(CLASS_NAMES))):
+            if stage is place_objects and {t.class_id for t in layout.objects} != set(range(len(CLASS_NAMES))):
                 complete = False
                 break
         if complete:
             return to_spec(layout, name or f"apartment-{seed}")
-    raise SceneError(f"no apartment with all {len(CLASS_NAMES) - 1} classes found for seed {seed}")
+    raise SceneError(
+        f"seed {seed}: no apartment with all {len(CLASS_NAMES) - 1} classes in {ATTEMPTS} attempts; use another seed"
+    )
 
 
 def to_spec(layout: Layout, name: str) -> dict:
-    """Write a finished layout down."""
+    """Convert a finished layout to a specification; numbers are rounded to 4 decimals."""
     structure = {"id": 0, "class": CLASS_NAMES[0], "name": "building", "parts": structure_parts(layout)}
-    things = [
+    objects = [
         {
             "id": number,
-            "class": CLASS_NAMES[thing.class_id],
-            "name": thing.name,
-            "room": thing.room,
-            "at": list(thing.at),
-            "yaw": thing.yaw,
-            "parts": thing.parts,
+            "class": CLASS_NAMES[item.class_id],
+            "name": item.name,
+            "room": item.room,
+            "at": list(item.at),
+            "yaw": item.yaw,
+            "parts": item.parts,
         }
-        for number, thing in enumerate(layout.things, start=1)
+        for number, item in enumerate(layout.objects, start=1)
     ]
     return tidy(
         {
@@ -93,6 +100,6 @@ def to_spec(layout: Layout, name: str) -> dict:
             ],
             "lights": layout.lights,
             "materials": layout.materials,
-            "objects": [structure, *things],
+            "objects": [structure, *objects],
         }
     )

@@ -1,4 +1,4 @@
-"""Scenes out: a GLB that opens upright anywhere. Here, and in ``scan.py``, z up becomes y up and back; nowhere else."""
+"""Export of scenes to binary glTF 2.0 (GLB). Vertices are converted from z up to y up, as glTF requires."""
 
 import io
 import json
@@ -10,28 +10,38 @@ from PIL import Image
 
 from autonerf_lab.classes import CLASS_COLORS, CLASS_NAMES
 from autonerf_lab.scenes.scene import Scene
+from autonerf_lab.scenes.semantics_file import node_names, write_semantics
 from autonerf_lab.utils.storage import write_bytes
 
 FLOAT, UINT32 = 5126, 5125
 ARRAY_BUFFER, INDEX_BUFFER = 34962, 34963
 
 
-def export_glb(scene: Scene, path: Path, semantic: bool = False) -> Path:
-    """Write a binary glTF 2.0: one node an object, named by class and number, one embedded texture (or class colours).
+def export_glb(scene: Scene, path: str | Path, semantic: bool = False) -> Path:
+    """Write a scene as GLB with its texture embedded, and its semantics beside it as ``NAME.semantics.json``.
+
+    The file has one node per object, named by class and number, in metres with y up. With the semantics file,
+    :func:`~autonerf_lab.scenes.import_scene` restores classes, objects and names.
+
+    Args:
+        scene: Scene to write.
+        path: GLB file to write.
+        semantic: Color the objects by class instead of embedding the texture.
 
     Returns:
-        The path, for chaining.
+        The path of the GLB file.
 
     Raises:
-        DataError: the file cannot be written.
+        DataError: A file cannot be written.
     """
+    path = Path(path)
     writer = _Writer()
     if semantic:
         materials = [_material(name, CLASS_COLORS[k] / 255.0) for k, name in enumerate(CLASS_NAMES)]
     else:
-        picture = io.BytesIO()
-        Image.fromarray(scene.texture).save(picture, "PNG", compress_level=4)
-        writer.image(picture.getvalue())
+        png = io.BytesIO()
+        Image.fromarray(scene.texture).save(png, "PNG", compress_level=4)
+        writer.image(png.getvalue())
         materials = [_material("baked", None)]
     nodes, meshes = [], []
     names = node_names(scene)
@@ -63,25 +73,21 @@ def export_glb(scene: Scene, path: Path, semantic: bool = False) -> Path:
         **writer.tables(),
     }
     write_bytes(path, _container(document, bytes(writer.blob)))
+    write_semantics(scene, path)
     return path
 
 
-def node_names(scene: Scene) -> dict[int, str]:
-    """Name of the node of each object in the GLB, by the object's number; 0 is the building."""
-    return {0: "building", **{i.id: f"{CLASS_NAMES[i.class_id]}_{i.id}" for i in scene.instances}}
-
-
-def _material(name: str, colour: np.ndarray | None) -> dict:
+def _material(name: str, color: np.ndarray | None) -> dict:
     surface: dict = {"metallicFactor": 0, "roughnessFactor": 1}
-    if colour is None:
+    if color is None:
         surface["baseColorTexture"] = {"index": 0}
     else:
-        surface["baseColorFactor"] = [*np.round(colour**2.2, 4).tolist(), 1]  # glTF factors are linear
+        surface["baseColorFactor"] = [*np.round(color**2.2, 4).tolist(), 1]  # glTF factors are linear
     return {"name": name, "pbrMetallicRoughness": surface, "doubleSided": True}
 
 
 class _Writer:
-    """Collects binary data and the tables that point into it."""
+    """Binary buffer of a GLB with the JSON tables that refer to it."""
 
     def __init__(self) -> None:
         self.blob = bytearray()
@@ -99,6 +105,7 @@ class _Writer:
         return len(self.views) - 1
 
     def vectors(self, array: np.ndarray, bounds: bool = False) -> int:
+        """Append (N, 2 or 3) float vectors and return the index of their accessor."""
         view = self._view(array.astype("<f4").tobytes(), ARRAY_BUFFER)
         entry = {"bufferView": view, "componentType": FLOAT, "count": len(array), "type": f"VEC{array.shape[1]}"}
         if bounds:
@@ -107,14 +114,17 @@ class _Writer:
         return len(self.accessors) - 1
 
     def indices(self, array: np.ndarray) -> int:
+        """Append (N,) vertex indices and return the index of their accessor."""
         view = self._view(array.astype("<u4").tobytes(), INDEX_BUFFER)
         self.accessors.append({"bufferView": view, "componentType": UINT32, "count": len(array), "type": "SCALAR"})
         return len(self.accessors) - 1
 
     def image(self, data: bytes) -> None:
+        """Append a PNG file."""
         self.images.append({"bufferView": self._view(data), "mimeType": "image/png"})
 
     def tables(self) -> dict:
+        """Return the accessors, buffer views, buffers and textures of the glTF document."""
         tables: dict = {
             "accessors": self.accessors,
             "bufferViews": self.views,
@@ -127,6 +137,7 @@ class _Writer:
 
 
 def _container(document: dict, blob: bytes) -> bytes:
+    """Assemble a GLB file from its JSON chunk and its binary chunk."""
     text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
     blob += b"\0" * (-len(blob) % 4)

@@ -1,8 +1,8 @@
-"""Which columns of a grid does a mesh occupy between two heights? Exact up to rounding, and conservative.
+"""Rasterisation of a mesh between two heights into a grid of occupied cells. Exact up to rounding, and conservative.
 
-A triangle is clipped to the height band and dropped on the floor plan; every cell that the remaining convex polygon (a
-segment, for a vertical wall) touches is occupied. Cells are half open: cell [r, c] holds x in [c, c + 1) and y in
-[r, r + 1), in cells from the origin.
+Each triangle is clipped to the height band and projected onto the floor plan. Every cell that the remaining convex
+polygon touches (a segment, for a vertical wall) is occupied. Cells are half open: cell [r, c] contains x in [c, c + 1)
+and y in [r, r + 1), in cells from the origin.
 """
 
 import numpy as np
@@ -11,26 +11,27 @@ from numba import njit
 
 @njit(cache=True)
 def _clip(polygon: np.ndarray, count: int, axis: int, limit: float, sign: float, out: np.ndarray) -> int:
-    """Sutherland-Hodgman: keep the part with sign * (p[axis] - limit) >= 0."""
-    kept = 0
+    """Clip a polygon to sign * (p[axis] - limit) >= 0 (Sutherland-Hodgman); return its number of corners."""
+    corners = 0
     for i in range(count):
         j = (i + 1) % count
         a = sign * (polygon[i, axis] - limit)
         b = sign * (polygon[j, axis] - limit)
         if a >= 0:
-            out[kept] = polygon[i]
-            kept += 1
+            out[corners] = polygon[i]
+            corners += 1
         if (a > 0 and b < 0) or (a < 0 and b > 0):
             f = a / (a - b)
             for k in range(3):
-                out[kept, k] = polygon[i, k] + f * (polygon[j, k] - polygon[i, k])
-            out[kept, axis] = limit  # no rounding: the cut lies on the plane
-            kept += 1
-    return kept
+                out[corners, k] = polygon[i, k] + f * (polygon[j, k] - polygon[i, k])
+            out[corners, axis] = limit  # no rounding error: the cut lies exactly on the plane
+            corners += 1
+    return corners
 
 
 @njit(cache=True)
 def _rasterise(triangles: np.ndarray, z_min: float, z_max: float, grid: np.ndarray) -> None:
+    """Set ``grid`` to True where triangles, x and y in cells, are between the heights."""
     rows, cols = grid.shape
     a, b, c = np.empty((16, 3)), np.empty((16, 3)), np.empty((16, 3))
     for f in range(triangles.shape[0]):
@@ -58,7 +59,7 @@ def _rasterise(triangles: np.ndarray, z_min: float, z_max: float, grid: np.ndarr
                 grid[row, col] = True
 
 
-def occupied_columns(
+def occupied_cells(
     vertices: np.ndarray,
     faces: np.ndarray,
     z_min: float,
@@ -67,16 +68,16 @@ def occupied_columns(
     cell: float,
     shape: tuple[int, int],
 ) -> np.ndarray:
-    """Cells whose column holds a piece of surface between two heights.
+    """Return the cells in which a mesh has surface between two heights.
 
     Args:
-        vertices: (V, 3) metres, world frame.
+        vertices: (V, 3) world frame, metres.
         faces: (F, 3) vertex indices.
-        z_min: lower end of the band, metres (a surface exactly on either end counts).
-        z_max: upper end of the band.
-        origin: world x, y of the outer corner of cell [0, 0].
-        cell: side of a cell, metres.
-        shape: (rows, columns) of the grid; what lies outside is ignored.
+        z_min: Lower end of the band, metres; a surface exactly at either end counts.
+        z_max: Upper end of the band, metres.
+        origin: (2,) world x, y of the outer corner of cell [0, 0], metres.
+        cell: Side of a cell, metres.
+        shape: (rows, columns) of the grid; surface outside it is ignored.
 
     Returns:
         (rows, columns) bool, True where occupied.
@@ -85,7 +86,7 @@ def occupied_columns(
         A vertical wall along x at y = 0.5, one metre long, on 25 cm cells:
 
         >>> wall = np.array([[0, 0.55, 0], [0.9, 0.55, 0], [0.9, 0.55, 2], [0, 0.55, 2.0]])
-        >>> occupied_columns(wall, np.array([[0, 1, 2], [0, 2, 3]]), 0.1, 0.9, (0, 0), 0.25, (3, 5)).astype(int)
+        >>> occupied_cells(wall, np.array([[0, 1, 2], [0, 2, 3]]), 0.1, 0.9, (0, 0), 0.25, (3, 5)).astype(int)
         array([[0, 0, 0, 0, 0],
                [0, 0, 0, 0, 0],
                [1, 1, 1, 1, 0]])

@@ -1,4 +1,4 @@
-"""What every apartment must hold, checked on the finished mesh and not on the generator's own books."""
+"""Invariants of generated apartments, checked on the finished mesh, independently of the generator."""
 
 import numpy as np
 from scipy import ndimage
@@ -9,18 +9,18 @@ from shapely.strtree import STRtree
 
 from autonerf_lab.classes import CLASS_NAMES
 from autonerf_lab.geometry import AGENT_RADIUS, CAMERA_HEIGHT
-from autonerf_lab.scenes.height_band import occupied_columns
+from autonerf_lab.scenes.height_band import occupied_cells
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.tessellation import rotation
 
 CELL = 0.025  # metres
-TOUCH = 0.012  # metres between things that rest on each other
-SLACK = 0.015  # metres by which footprints may touch: handles, leaves
+TOUCH = 0.012  # metres, largest gap between objects that rest on each other
+SLACK = 0.015  # metres by which footprints may overlap (handles, leaves)
 LAMPS = ("ceiling lamp", "pendant lamp")
 
 
 def problems(scene: Scene) -> list[str]:
-    """Everything that is wrong with a generated apartment, in words; empty for a good one.
+    """Return a description of every violated invariant of a generated apartment; empty if it is valid.
 
     Example:
         >>> from autonerf_lab.scenes import generate_apartment
@@ -28,10 +28,16 @@ def problems(scene: Scene) -> list[str]:
         []
     """
     assert scene.spec is not None
-    return [*_numbers(scene), *_plan(scene.spec), *_classes(scene), *_overlaps_and_support(scene), *_reach(scene)]
+    return [
+        *_mesh_problems(scene),
+        *_plan_problems(scene.spec),
+        *_missing_classes(scene),
+        *_placement_problems(scene),
+        *_reachability_problems(scene),
+    ]
 
 
-def _numbers(scene: Scene) -> list[str]:
+def _mesh_problems(scene: Scene) -> list[str]:
     found = []
     corner = scene.vertices[scene.faces].astype(np.float64)
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
@@ -40,49 +46,49 @@ def _numbers(scene: Scene) -> list[str]:
     if (area <= 1e-9).any():
         found.append(f"{int((area <= 1e-9).sum())} triangles have no area")
     if scene.uv.min() < 0 or scene.uv.max() > 1:
-        found.append("texture coordinates leave [0, 1]")
+        found.append("texture coordinates are outside [0, 1]")
     return found
 
 
-def _plan(spec: dict) -> list[str]:
+def _plan_problems(spec: dict) -> list[str]:
     found = []
     area = sum(Polygon(room["polygon"]).area for room in spec["rooms"])
     if not 40 <= area <= 140:
-        found.append(f"{area:.0f} m2 are not between 40 and 140")
+        found.append(f"floor area {area:.0f} m2 is not between 40 and 140 m2")
     if not 3 <= len(spec["rooms"]) <= 8:
-        found.append(f"{len(spec['rooms'])} rooms are not 3 to 8")
+        found.append(f"{len(spec['rooms'])} rooms; there must be 3 to 8")
     doors = [o["width"] for o in spec["openings"] if o["kind"] == "door"]
     if min(doors, default=0) < 0.8:
         found.append(f"a door is {min(doors, default=0):.2f} m wide")
     return found
 
 
-def _classes(scene: Scene) -> list[str]:
+def _missing_classes(scene: Scene) -> list[str]:
     present = {instance.class_id for instance in scene.instances}
-    return [f"no {name}" for k, name in enumerate(CLASS_NAMES) if k and k not in present]
+    return [f"no object of class {name}" for k, name in enumerate(CLASS_NAMES) if k and k not in present]
 
 
 def _boxes(scene: Scene) -> list[tuple[str, int, Polygon, float, float, np.ndarray]]:
-    """Name, id, oriented footprint, lowest and highest z, and points of every object but the building."""
+    """Return name, id, oriented footprint, lowest and highest z, and points of every object except the building."""
     assert scene.spec is not None
     order = np.argsort(scene.face_instance, kind="stable")
     ids, starts = np.unique(scene.face_instance[order], return_index=True)
     groups = dict(zip(ids.tolist(), np.split(order, starts[1:]), strict=True))
     found = []
-    for thing in scene.spec["objects"]:
-        if thing["id"] == 0:
+    for entry in scene.spec["objects"]:
+        if entry["id"] == 0:
             continue
-        points = scene.vertices[np.unique(scene.faces[groups[thing["id"]]])].astype(np.float64)
-        turn = rotation(thing["yaw"])
-        local = (points - thing["at"]) @ turn
+        points = scene.vertices[np.unique(scene.faces[groups[entry["id"]]])].astype(np.float64)
+        to_world = rotation(entry["yaw"])
+        local = (points - entry["at"]) @ to_world
         low, high = local.min(axis=0), local.max(axis=0)
         corners = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
-        footprint = Polygon((corners @ turn.T + thing["at"])[:, :2])
-        found.append((thing["name"], thing["id"], footprint, points[:, 2].min(), points[:, 2].max(), points))
+        footprint = Polygon((corners @ to_world.T + entry["at"])[:, :2])
+        found.append((entry["name"], entry["id"], footprint, points[:, 2].min(), points[:, 2].max(), points))
     return found
 
 
-def _overlaps_and_support(scene: Scene) -> list[str]:
+def _placement_problems(scene: Scene) -> list[str]:
     assert scene.spec is not None
     boxes = _boxes(scene)
     shapes = [b[2].buffer(-SLACK) for b in boxes]
@@ -90,11 +96,11 @@ def _overlaps_and_support(scene: Scene) -> list[str]:
     interior = unary_union([Polygon(room["polygon"]) for room in scene.spec["rooms"]])
     outline = interior.buffer(0.02)
     found = []
-    for k, (name, number, footprint, low, high, _) in enumerate(boxes):
+    for k, (name, object_id, footprint, low, high, _) in enumerate(boxes):
         near = [int(j) for j in tree.query(footprint) if j != k]
         for j in near:
             other = boxes[j]
-            # a rug lies under everything; books stand inside the box of a shelf
+            # furniture stands on rugs, and books stand inside the box of a shelf
             lenient = any(n == "rug" or n.endswith("shelf") for n in (name, other[0]))
             if (
                 j > k
@@ -102,26 +108,26 @@ def _overlaps_and_support(scene: Scene) -> list[str]:
                 and min(high, other[4]) - max(low, other[3]) > TOUCH
                 and shapes[k].intersects(shapes[j])
             ):
-                found.append(f"{name} {number} overlaps {other[0]} {other[1]}")
+                found.append(f"{name} {object_id} overlaps {other[0]} {other[1]}")
         if footprint.difference(outline).area > 1e-6:
-            found.append(f"{name} {number} is not inside the rooms")
+            found.append(f"{name} {object_id} is outside the rooms")
         on_floor = low < TOUCH
         hangs = name in LAMPS and abs(high - scene.spec["height"]) < TOUCH
         at_wall = interior.boundary.distance(footprint) < 0.06
         middle = Point(footprint.centroid)
         rests = any(boxes[j][2].covers(middle) and (np.abs(boxes[j][5][:, 2] - low) < TOUCH).any() for j in near)
         if not (on_floor or hangs or at_wall or rests):
-            found.append(f"{name} {number} floats at {low:.2f} m")
+            found.append(f"{name} {object_id} floats {low:.2f} m above the floor")
     return found
 
 
-def _reach(scene: Scene) -> list[str]:
-    """The robot's disc gets from any room to any other."""
+def _reachability_problems(scene: Scene) -> list[str]:
+    """Check that the robot, a disc, can reach every room and every door."""
     assert scene.spec is not None
     origin = scene.bounds[0, :2] - 0.1
     cols, rows = np.ceil((scene.bounds[1, :2] + 0.1 - origin) / CELL).astype(int).tolist()
-    blocked = occupied_columns(scene.vertices, scene.faces, 0.03, CAMERA_HEIGHT, origin, CELL, (rows, cols))
-    floor = occupied_columns(scene.vertices, scene.faces, -0.01, 0.02, origin, CELL, (rows, cols))
+    blocked = occupied_cells(scene.vertices, scene.faces, 0.03, CAMERA_HEIGHT, origin, CELL, (rows, cols))
+    floor = occupied_cells(scene.vertices, scene.faces, -0.01, 0.02, origin, CELL, (rows, cols))
     clear = ndimage.distance_transform_edt(floor & ~blocked) * CELL > AGENT_RADIUS + CELL / 2
     labels, _ = ndimage.label(clear)
     sizes = np.bincount(labels.ravel())
@@ -132,7 +138,7 @@ def _reach(scene: Scene) -> list[str]:
     for room in scene.spec["rooms"]:
         area = (main & contains_xy(Polygon(room["polygon"]), x, y)).sum() * CELL**2
         if area < 0.3:
-            found.append(f"{room['category']}: only {area:.2f} m2 can be reached")
+            found.append(f"{room['category']}: only {area:.2f} m2 are reachable")
     for opening in scene.spec["openings"]:
         if opening["kind"] == "door":
             near = np.hypot(x - opening["at"][0], y - opening["at"][1]) < 0.3

@@ -1,4 +1,7 @@
-"""What the stages of the generator hand on: rooms, openings, things and lights. Metres, world frame, floor at z = 0."""
+"""Apartment layout that the stages of the generator fill: rooms, openings, objects, materials and lights.
+
+Metres, radians, world frame, floor at z = 0.
+"""
 
 from dataclasses import dataclass, field
 
@@ -7,8 +10,8 @@ from shapely.geometry import Polygon, box
 from shapely.ops import unary_union
 
 WALL = 0.12  # metres between the two faces of an inner wall
-DOOR_HEIGHT = 2.05
-LIVING = ("living", "open-plan", "studio")  # open-plan: with the kitchen in it; studio: with kitchen and bed
+DOOR_HEIGHT = 2.05  # metres
+LIVING = ("living", "open-plan", "studio")  # open-plan: includes a kitchen; studio: includes kitchen and bed
 COOKING = ("kitchen", "open-plan", "studio")
 
 Rect = tuple[float, float, float, float]  # x0, y0, x1, y1
@@ -16,66 +19,67 @@ Rect = tuple[float, float, float, float]  # x0, y0, x1, y1
 
 @dataclass
 class Room:
-    """One room. ``rects`` reach to the middle of the walls; the polygon is what one can stand in."""
+    """Room of an apartment."""
 
     category: str  # corridor, kitchen, bath, bedroom, study, or one of LIVING
-    rects: list[Rect]
-    polygon: list[tuple[float, float]] = field(default_factory=list)  # counter-clockwise
+    rects: list[Rect]  # floor area up to the middle of the walls
+    polygon: list[tuple[float, float]] = field(default_factory=list)  # inner outline (wall faces), counter-clockwise
 
     @property
     def shape(self) -> Polygon:
+        """Inner outline as a shapely polygon."""
         return Polygon(self.polygon)
 
     def edges(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Walls as (p, q), the room on the left of p -> q."""
+        """Return the walls as (p, q) with the room on the left of p -> q."""
         corners = [np.array(c) for c in self.polygon]
         return list(zip(corners, corners[1:] + corners[:1], strict=True))
 
 
 @dataclass
 class Opening:
-    """A hole in a wall: a doorway between two rooms, the entrance, or a window (``rooms`` has one entry then)."""
+    """Opening in a wall: doorway between two rooms, entrance or window."""
 
     kind: str  # door, entrance, window
-    at: tuple[float, float]  # its middle, on the inner face (windows, entrance) or on the middle of the wall (doors)
+    at: tuple[float, float]  # centre; on the inner wall face (window, entrance) or mid-wall (door)
     direction: tuple[float, float]  # unit vector along the wall
-    width: float
-    low: float
-    high: float
-    rooms: list[int]
+    width: float  # metres
+    low: float  # z of its lower edge
+    high: float  # z of its upper edge
+    rooms: list[int]  # two room indices for a door, one for an entrance or a window
 
 
 @dataclass
-class Thing:
-    """A piece of furniture or an object. The footprint is in the world; parts are in the thing's own frame."""
+class PlacedObject:
+    """Furniture model or small object placed in an apartment."""
 
-    class_id: int
+    class_id: int  # 0..15
     name: str
-    at: tuple[float, float, float]
-    yaw: float
-    parts: list[dict]
-    footprint: Rect
-    height: tuple[float, float]  # z of its lowest and of its highest point
-    room: int
+    at: tuple[float, float, float]  # origin of its own frame in the world
+    yaw: float  # rotation about z, counter-clockwise
+    parts: list[dict]  # solids in its own frame
+    footprint: Rect  # world frame
+    height: tuple[float, float]  # z of its lowest and highest point
+    room: int  # index of its room
     surfaces: list[tuple[float, float, float, float, float, float]] = field(default_factory=list)
-    #   where small objects can stand, own frame: x0, y0, x1, y1, z, free height
+    #   support surfaces for small objects, own frame: x0, y0, x1, y1, z, free height
 
 
 @dataclass
 class Layout:
-    """An apartment on its way from a plan to a specification. Each stage adds to it."""
+    """Apartment under construction; each stage of the generator adds to it in place."""
 
-    seed: int
-    height: float  # of the ceiling
+    seed: int  # random seed of the apartment
+    height: float  # z of the ceiling
     rooms: list[Room] = field(default_factory=list)
     openings: list[Opening] = field(default_factory=list)
-    things: list[Thing] = field(default_factory=list)
-    materials: dict[str, dict] = field(default_factory=dict)
-    lights: list[dict] = field(default_factory=list)
+    objects: list[PlacedObject] = field(default_factory=list)
+    materials: dict[str, dict] = field(default_factory=dict)  # as in the specification, see ``spec``
+    lights: list[dict] = field(default_factory=list)  # as in the specification
 
 
 def net_polygon(rects: list[Rect]) -> list[tuple[float, float]]:
-    """Inner outline of a room whose rectangles reach to the middle of the walls.
+    """Return the inner outline of a room from rectangles that reach to the middle of the walls.
 
     Example:
         >>> sorted(net_polygon([(0, 0, 2, 3)]))[0]

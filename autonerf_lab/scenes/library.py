@@ -1,4 +1,4 @@
-"""The 35 frozen apartments: 25 to train on, 5 to develop on, 5 to validate on."""
+"""Library of the 35 frozen apartments: 25 for training, 5 for development, 5 for validation."""
 
 import hashlib
 from functools import lru_cache
@@ -15,10 +15,10 @@ SPLITS = {"train": 25, "dev": 5, "val": 5}
 
 
 def scene_names(split: str | None = None) -> list[str]:
-    """Names of the frozen scenes, all or one split's (train, dev, val).
+    """Return the names of the frozen scenes, of all splits or of one (train, dev, val).
 
     Raises:
-        UnknownNameError: no such split.
+        UnknownNameError: There is no such split.
 
     Example:
         >>> scene_names("val")
@@ -33,27 +33,30 @@ def scene_names(split: str | None = None) -> list[str]:
 
 
 def folder() -> Path:
-    """Where the frozen specifications are: beside the package in a checkout, inside it when installed.
+    """Return the folder of the frozen scenes: in the checkout, or inside the installed package.
 
     Raises:
-        SceneError: neither place has them.
+        SceneError: Neither folder contains them.
     """
     checkout = Path(__file__).resolve().parents[2] / "data" / "procedural_scenes"
     if (checkout / "manifest.json").exists():
         return checkout
     installed = find_spec("autonerf_lab.procedural_scenes")
-    for place in (installed.submodule_search_locations or []) if installed else []:
-        if (Path(place) / "manifest.json").exists():
-            return Path(place)
-    raise SceneError(f"the frozen scenes are not in {checkout}; install the package again")
+    for location in (installed.submodule_search_locations or []) if installed else []:
+        if (Path(location) / "manifest.json").exists():
+            return Path(location)
+    raise SceneError(f"the frozen scenes are missing in {checkout}; reinstall autonerf-lab")
 
 
 def load_scene(name: str) -> Scene:
-    """One of the frozen scenes by name, or any specification by path.
+    """Load a frozen scene by name, or a specification by path.
+
+    Args:
+        name: Name such as ``val-0`` (see :func:`scene_names`), or the path of a specification (.json).
 
     Raises:
-        UnknownNameError: lists the valid names.
-        SceneError: the file is missing, damaged, or not what the manifest says; it names the file.
+        UnknownNameError: There is no such scene; the message lists the valid names.
+        SceneError: The file is missing, damaged or differs from the manifest; the message names the file.
 
     Example:
         >>> load_scene("dev-9")  # doctest: +ELLIPSIS
@@ -69,7 +72,10 @@ def load_scene(name: str) -> Scene:
     spec = read_spec(path)
     found = hashlib.sha256(path.read_bytes()).hexdigest()
     if expected != found:
-        raise SceneError(f"{path} was changed: its SHA-256 is {found[:12]}, the manifest says {str(expected)[:12]}")
+        raise SceneError(
+            f"{path} was modified: its SHA-256 is {found[:12]}, the manifest expects {str(expected)[:12]};"
+            " reinstall autonerf-lab"
+        )
     return build(spec)
 
 
@@ -77,5 +83,5 @@ def load_scene(name: str) -> Scene:
 def _manifest(path: Path) -> dict:
     content = read_json(path)
     if not isinstance(content.get("scenes"), dict):
-        raise SceneError(f"{path} has no list of scenes")
+        raise SceneError(f"{path} has no valid entry 'scenes'; reinstall autonerf-lab")
     return content

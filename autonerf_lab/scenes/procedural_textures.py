@@ -1,8 +1,8 @@
-"""What a surface looks like before light falls on it: one procedural pattern a kind, evaluated texel by texel.
+"""Procedural albedo: one pattern per kind of material, evaluated at every texel.
 
-``s, t`` are metres along and up the patch, ``a, b`` the same in [0, 1], ``p`` the point in the world. Every kind ends
-in the same mottling at the scale of a metre, a decimetre and a few centimetres, so that no wall, however plain, is
-blank: a neural field (or a person) needs something to hold on to when the view moves.
+``s, t`` are metres along and up the patch, ``a, b`` the same in [0, 1], ``p`` the point in the world frame. Every kind
+adds mottling at the scale of a metre, a decimetre and a few centimetres, so that even plain walls have texture: without
+it, images give a radiance field no parallax there.
 """
 
 import math
@@ -27,7 +27,7 @@ STRIPES, DAMASK, STONE, METAL, CERAMIC, BANDS, LABEL, GLASS, LEAF, BOOK, PICTURE
 OUTDOORS, SCREEN, CLOCK, CLOCK_SQUARE, RINGS = range(23, 28)
 MOTTLE = {"plaster": 0.3, "paint": 0.22, "carpet": 0.3, "fabric": 0.24, "stripes": 0.26, "damask": 0.26}
 
-GLOSS = {  # share of a lamp's light that comes back as a highlight, where a renderer asks for one
+GLOSS = {  # specular share of reflected light by kind of material, for renderers with highlights
     "wood": 0.25, "herringbone": 0.25, "grain": 0.15, "tile": 0.45, "checker": 0.45, "stone": 0.4, "metal": 0.6,
     "ceramic": 0.7, "glass": 0.8, "screen": 0.6, "picture": 0.3, "label": 0.3,
 }  # fmt: skip
@@ -35,12 +35,14 @@ GLOSS = {  # share of a lamp's light that comes back as a highlight, where a ren
 
 @njit(cache=True)
 def _step(x: float, low: float, high: float) -> float:
+    """Return the smooth step from 0 at ``low`` to 1 at ``high``."""
     f = min(1.0, max(0.0, (x - low) / (high - low)))
     return f * f * (3 - 2 * f)
 
 
 @njit(cache=True)
 def _grain(along: float, across: float, seed: int) -> float:
+    """Return wood grain in [0, 1)."""
     bend = noise2(along * 0.9, across * 4.0, seed) * 0.25
     ring = noise2(along * 1.3, across * 22.0 + bend * 18, seed + 1)
     fibre = noise2(along * 5.0, across * 75.0, seed + 2)
@@ -49,7 +51,7 @@ def _grain(along: float, across: float, seed: int) -> float:
 
 @njit(cache=True)
 def _clock(x: float, y: float, square: bool, seed: int) -> float:
-    """1 where a tick or a hand is; x, y in [-1, 1], y up."""
+    """Return 1 on the ticks, hands and rim of a clock face, else 0; x, y in [-1, 1], y up."""
     r = math.sqrt(x * x + y * y)
     angle = math.atan2(x, y) % (2 * math.pi)
     edge = max(abs(x), abs(y)) if square else r
@@ -57,9 +59,9 @@ def _clock(x: float, y: float, square: bool, seed: int) -> float:
     if 0.72 < edge < 0.92 and near * r < 0.1:
         return 1.0
     minute, hour = hash01(1, 0, 0, seed) * 2 * math.pi, hash01(2, 0, 0, seed) * 2 * math.pi
-    for turn, length, wide in ((minute, 0.68, 0.055), (hour, 0.45, 0.08)):
-        along = x * math.sin(turn) + y * math.cos(turn)
-        across = abs(x * math.cos(turn) - y * math.sin(turn))
+    for hand, length, wide in ((minute, 0.68, 0.055), (hour, 0.45, 0.08)):
+        along = x * math.sin(hand) + y * math.cos(hand)
+        across = abs(x * math.cos(hand) - y * math.sin(hand))
         if -0.1 < along < length and across < wide:
             return 1.0
     return 1.0 if edge > 0.97 or r < 0.09 else 0.0
@@ -67,7 +69,7 @@ def _clock(x: float, y: float, square: bool, seed: int) -> float:
 
 @njit(cache=True)
 def _picture(a: float, b: float, seed: int, c1: np.ndarray, c2: np.ndarray, out: np.ndarray) -> None:
-    """A mount, and in it a landscape, discs, or fields of colour."""
+    """Write the colour of a wall picture: a white mount around a landscape, discs or colour fields."""
     if a < 0.1 or a > 0.9 or b < 0.1 or b > 0.9:
         for k in range(3):
             out[k] = 0.92 - 0.03 * k
@@ -110,7 +112,7 @@ def _picture(a: float, b: float, seed: int, c1: np.ndarray, c2: np.ndarray, out:
 
 @njit(cache=True)
 def _rug(a: float, b: float, ls: float, lt: float, seed: int) -> float:
-    """0 ground, 1 figure: borders and rows of lozenges, or waves, or blocks."""
+    """Return the pattern of a rug in [0, 1]: a border around lozenges, waves or blocks."""
     border = min(min(a, 1 - a) * ls, min(b, 1 - b) * lt)
     x, y = (a - 0.5) * ls, (b - 0.5) * lt
     if 0.06 < border < 0.1 or 0.14 < border < 0.16:
@@ -130,7 +132,7 @@ def _rug(a: float, b: float, ls: float, lt: float, seed: int) -> float:
 
 @njit(cache=True)
 def _outdoors(a: float, b: float, seed: int, out: np.ndarray) -> None:
-    """Sky, houses across the street, trees."""
+    """Write the colour of the view through a window: sky, houses and trees."""
     cloud = 0.6 * noise2(a * 3, b * 5, seed) + 0.4 * noise2(a * 9, b * 14, seed)
     white = _step(cloud, 0.45, 0.75)
     out[0] = 0.56 + 0.18 * (1 - b) + 0.26 * white
@@ -155,8 +157,25 @@ def albedo(
     kind: int, c1: np.ndarray, c2: np.ndarray, scale: float, seed: int, mottle: float,
     s: float, t: float, a: float, b: float, ls: float, lt: float, p: np.ndarray, out: np.ndarray,
 ) -> None:  # fmt: skip
-    """Display-space colour in [0, 1] of one point, into ``out``."""
-    f = -1.0  # share of the second colour, where the kind is a mixture of two
+    """Write the display-space (sRGB) colour of one point to ``out``.
+
+    Args:
+        kind: Kind of material, a value of ``KINDS``.
+        c1: (3,) first colour in [0, 1].
+        c2: (3,) second colour in [0, 1].
+        scale: Scale of the pattern.
+        seed: Random seed of the pattern.
+        mottle: Strength of the mottling.
+        s: Position along the patch, metres.
+        t: Position up the patch, metres.
+        a: Position along the patch in [0, 1].
+        b: Position up the patch in [0, 1].
+        ls: Length of the patch, metres.
+        lt: Height of the patch, metres.
+        p: (3,) point in the world frame, metres.
+        out: (3,) colour in [0.01, 1], written.
+    """
+    f = -1.0  # share of the second colour, for kinds that mix two colours
     if kind == PLASTER:
         f = 0.75 * noise3(p[0] * 2.3 / scale, p[1] * 2.3 / scale, p[2] * 2.3 / scale, seed)
         f += 0.5 * (noise3(p[0] * 11, p[1] * 11, p[2] * 11, seed + 1) - 0.25)
@@ -253,13 +272,13 @@ def albedo(
             f = 0.85
     elif kind == RUG:
         f = 0.85 * _rug(a, b, ls, lt, seed) + 0.25 * noise2(s * 40, t * 40, seed)
-    elif kind == RINGS:  # a fan, as the face of a clock
+    elif kind == RINGS:  # polar coordinates, as for CLOCK
         wave = 0.03 * math.cos(2 * math.pi * a * (10 + seed % 7))
         ring = math.floor((b + wave) * 7)
         f = 0.85 * hash01(int(ring), 0, 0, seed) + 0.2 * noise2(p[0] * 40, p[1] * 40, seed)
-    elif kind == CLOCK:  # the face is a fan: a turns, b runs from the rim to the middle
-        turn = -2 * math.pi * a
-        f = _clock(-(1 - b) * math.cos(turn), (1 - b) * math.sin(turn), False, seed)
+    elif kind == CLOCK:  # polar coordinates: a is the angle, b runs from the rim to the centre
+        angle = -2 * math.pi * a
+        f = _clock(-(1 - b) * math.cos(angle), (1 - b) * math.sin(angle), False, seed)
     elif kind == CLOCK_SQUARE:
         f = _clock(2 * a - 1, 2 * b - 1, True, seed)
     elif kind == SCREEN:
@@ -284,13 +303,17 @@ def albedo(
 
 
 def material_table(spec: dict) -> tuple[np.ndarray, np.ndarray]:
-    """For the kernels: (K, 9) float64 (two colours, scale, glow, mottling) and (K, 2) int64 (kind, seed)."""
-    numbers, codes = [], []
+    """Return the K materials as arrays for the kernels.
+
+    Returns:
+        (K, 9) float64: two colours, scale, glow, mottling; and (K, 2) int64: kind, seed.
+    """
+    parameters, codes = [], []
     for material in spec["materials"].values():
         one = np.array(material.get("color", (200, 200, 200)), dtype=np.float64) / 255
         two = np.array(material["color2"], dtype=np.float64) / 255 if "color2" in material else one * 0.74
         glow = float(material.get("glow", 0.0))
         mottle = MOTTLE.get(material["kind"], 0.2) if glow < 0.5 else 0.0
-        numbers.append([*one, *two, float(material.get("scale", 1.0)), glow, mottle])
+        parameters.append([*one, *two, float(material.get("scale", 1.0)), glow, mottle])
         codes.append([KINDS[material["kind"]], int(material.get("seed", 1))])
-    return np.array(numbers), np.array(codes, dtype=np.int64)
+    return np.array(parameters), np.array(codes, dtype=np.int64)

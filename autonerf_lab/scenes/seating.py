@@ -1,16 +1,16 @@
-"""Chairs, couches and beds. Each maker draws its variant and its proportions from ``rng``."""
+"""Furniture models of chairs, couches and beds. Each function samples variant and proportions from ``rng``."""
 
 import numpy as np
 
-from autonerf_lab.scenes.furniture_model import Model, pick
+from autonerf_lab.scenes.furniture_model import FurnitureModel, pick
 
 
-def chair(rng: np.random.Generator, kind: str | None = None) -> Model:
-    """Wooden with slats, upholstered, a shell on a cross of legs, or an office chair."""
+def chair(rng: np.random.Generator, kind: str | None = None) -> FurnitureModel:
+    """Build a chair: ``slats`` (wooden), ``upholstered``, ``shell`` (plastic) or ``office``; a random kind if None."""
     kind = kind or str(pick(rng, "slats", "upholstered", "shell"))
     w, d, seat = float(rng.uniform(0.42, 0.47)), float(rng.uniform(0.44, 0.5)), float(rng.uniform(0.44, 0.47))
     h = float(rng.uniform(0.82, 0.95))
-    model = Model(1, f"chair ({kind})", (w, d, h))
+    model = FurnitureModel(1, f"chair ({kind})", (w, d, h))
     if kind == "slats":
         model.legs(w, d, seat - 0.03, 0.036, "wood_chair")
         model.box(w, d, 0.03, 0, 0, seat - 0.03, "wood_chair", omit="")
@@ -72,15 +72,17 @@ def chair(rng: np.random.Generator, kind: str | None = None) -> Model:
     return model
 
 
-def couch(rng: np.random.Generator, room_for: float = 2.3) -> Model:
-    """Two or three seats; box, round or no arms; on feet or to the ground; cushions in other colours."""
+def couch(rng: np.random.Generator, room_for: float = 2.3) -> FurnitureModel:
+    """Build a couch of two or three seats, at most ``room_for`` metres wide, with arms, feet and loose cushions."""
     seats = 3 if room_for >= 2.0 and rng.random() < 0.7 else 2
     arm = float(rng.uniform(0.12, 0.2))
     w = min(room_for, seats * float(rng.uniform(0.58, 0.66)) + 2 * arm)
     d, h, seat = float(rng.uniform(0.84, 0.94)), float(rng.uniform(0.74, 0.86)), float(rng.uniform(0.4, 0.45))
     arm_height = float(rng.uniform(0.54, 0.63))
     foot = float(pick(rng, 0.05, 0.1, 0.14))
-    model = Model(2, f"couch ({seats} seats)", (w, d, h + 0.1), clear=0.5)  # the cushions rise above the back
+    model = FurnitureModel(
+        2, f"couch ({seats} seats)", (w, d, h + 0.1), clear=0.5
+    )  # the loose cushions rise above the back
     model.legs(w, d, foot, 0.05, "wood_couch", 0.02)
     inner = w - 2 * arm
     model.box(w, d, seat - 0.14 - foot, 0, 0, foot, "fabric_couch", omit="")
@@ -104,10 +106,10 @@ def couch(rng: np.random.Generator, room_for: float = 2.3) -> Model:
     return model
 
 
-def armchair(rng: np.random.Generator) -> Model:
-    """One soft seat with arms."""
+def armchair(rng: np.random.Generator) -> FurnitureModel:
+    """Build an upholstered armchair."""
     w, d, h = float(rng.uniform(0.74, 0.82)), float(rng.uniform(0.76, 0.84)), float(rng.uniform(0.8, 0.92))
-    model = Model(1, "chair (armchair)", (w, d, h), clear=0.4)
+    model = FurnitureModel(1, "chair (armchair)", (w, d, h), clear=0.4)
     model.legs(w, d, 0.16, 0.04, "wood_couch", 0.04)
     model.box(w - 0.02, d - 0.04, 0.14, 0, 0, 0.16, "fabric_armchair", omit="")
     for x in (-1, 1):
@@ -119,13 +121,13 @@ def armchair(rng: np.random.Generator) -> Model:
     return model
 
 
-def bed(rng: np.random.Generator, double: bool = True) -> Model:
-    """Single or double; a wooden or a padded headboard; duvet folded back, pillows, sometimes a throw."""
+def bed(rng: np.random.Generator, double: bool = True) -> FurnitureModel:
+    """Build a single or double bed with headboard, folded duvet and pillows, sometimes with a throw."""
     w = float(rng.uniform(1.45, 1.68)) if double else float(rng.uniform(0.92, 1.05))
     d, h = float(rng.uniform(2.04, 2.12)), float(rng.uniform(0.85, 1.1))
     top = float(rng.uniform(0.5, 0.58))
     kind = str(pick(rng, "wood", "padded", "bars"))
-    model = Model(4, f"bed ({'double' if double else 'single'})", (w, d, h), clear=0.4)
+    model = FurnitureModel(4, f"bed ({'double' if double else 'single'})", (w, d, h), clear=0.4)
     if kind == "padded":
         model.box(w, d, 0.26, 0, 0, 0.05, "fabric_bed", omit="z")
         for k in range(4 if double else 2):

@@ -1,13 +1,13 @@
-"""Stage four: small objects on everything that has room for them."""
+"""Generator stage 4: small objects on the support surfaces of furniture."""
 
 import numpy as np
 
 from autonerf_lab.scenes import objects
-from autonerf_lab.scenes.furniture_model import Model
-from autonerf_lab.scenes.layout import Layout, Thing
+from autonerf_lab.scenes.furniture_model import FurnitureModel
+from autonerf_lab.scenes.layout import Layout, PlacedObject
 
-# what stands on what: (maker, weight)
-_LIKELY: dict[str, dict[str, float]] = {
+# sampling weight of each kind of small object, by the furniture that supports it
+_WEIGHTS: dict[str, dict[str, float]] = {
     "shelf": {"books": 6, "stack": 1, "vase": 1, "plant": 0.6, "cup": 0.3},
     "dining table": {"cup": 3, "vase": 1.5, "bottle": 2, "stack": 0.7},
     "coffee table": {"stack": 2.5, "cup": 2, "vase": 1, "bottle": 0.5},
@@ -21,7 +21,7 @@ _LIKELY: dict[str, dict[str, float]] = {
     "bathroom cupboard": {"bottle": 3, "vase": 1, "cup": 1},
     "washing machine": {"bottle": 2},
 }
-_COUNT = {
+_COUNT = {  # largest number of objects per surface; 2 if not listed
     "shelf": 2,
     "dining table": 4,
     "kitchen unit": 2,
@@ -30,10 +30,11 @@ _COUNT = {
     "desk": 3,
     "washing machine": 1,
 }
-REQUIRED = {11: "stack", 13: "vase", 14: "cup", 15: "bottle"}
+REQUIRED = {11: "stack", 13: "vase", 14: "cup", 15: "bottle"}  # kind by class id
 
 
-def _make(kind: str, width: float, free: float, rng: np.random.Generator) -> Model:
+def _build(kind: str, width: float, free: float, rng: np.random.Generator) -> FurnitureModel:
+    """Build a small object for a surface of some width and free height, metres."""
     if kind == "books":
         return objects.books(rng, width, free)
     makers = {
@@ -47,37 +48,38 @@ def _make(kind: str, width: float, free: float, rng: np.random.Generator) -> Mod
 
 
 def place_objects(layout: Layout, rng: np.random.Generator) -> None:
-    """Dress tables, shelves and worktops; every one of the small classes is tried until it is there."""
-    hosts = [thing for thing in layout.things if thing.surfaces]
-    taken: dict[tuple[int, int], list[tuple[float, float, float, float]]] = {}
-    for number, host in enumerate(hosts):
-        name = next((key for key in _LIKELY if host.name.startswith(key)), None)
+    """Place small objects on tables, shelves and worktops, and retry the classes that are still missing."""
+    hosts = [item for item in layout.objects if item.surfaces]
+    occupied: dict[tuple[int, int], list[tuple[float, float, float, float]]] = {}
+    for index, host in enumerate(hosts):
+        name = next((key for key in _WEIGHTS if host.name.startswith(key)), None)
         if name is None:
             continue
-        kinds, weights = list(_LIKELY[name]), np.array(list(_LIKELY[name].values()))
+        kinds, weights = list(_WEIGHTS[name]), np.array(list(_WEIGHTS[name].values()))
         for level in range(len(host.surfaces)):
             for _ in range(int(rng.integers(1, _COUNT.get(name, 2) + 1))):
                 kind = str(rng.choice(kinds, p=weights / weights.sum()))
-                _stand(layout, host, level, kind, taken.setdefault((number, level), []), rng)
+                _place_on(layout, host, level, kind, occupied.setdefault((index, level), []), rng)
     for class_id, kind in REQUIRED.items():
         for _ in range(60):
-            if any(t.class_id == class_id for t in layout.things) or not hosts:
+            if any(t.class_id == class_id for t in layout.objects) or not hosts:
                 break
-            number = int(rng.integers(len(hosts)))
-            level = int(rng.integers(len(hosts[number].surfaces)))
-            _stand(layout, hosts[number], level, kind, taken.setdefault((number, level), []), rng)
+            index = int(rng.integers(len(hosts)))
+            level = int(rng.integers(len(hosts[index].surfaces)))
+            _place_on(layout, hosts[index], level, kind, occupied.setdefault((index, level), []), rng)
 
 
-def _stand(
+def _place_on(
     layout: Layout,
-    host: Thing,
+    host: PlacedObject,
     level: int,
     kind: str,
-    taken: list[tuple[float, float, float, float]],
+    occupied: list[tuple[float, float, float, float]],
     rng: np.random.Generator,
 ) -> bool:
+    """Place a new object of a kind on one surface of a host; return False if it does not fit."""
     x0, y0, x1, y1, z, free = host.surfaces[level]
-    model = _make(kind, x1 - x0, free, rng)
+    model = _build(kind, x1 - x0, free, rng)
     w, d, h = model.size
     yaw = float(rng.uniform(-0.4, 0.4)) if model.class_id in (14, 15) or "stack" in model.name else 0.0
     c, s = abs(np.cos(yaw)), abs(np.sin(yaw))
@@ -92,14 +94,17 @@ def _stand(
         rect = (x - w / 2, y - d / 2, x + w / 2, y + d / 2)
         if all(
             rect[0] > r[2] + 0.01 or r[0] > rect[2] + 0.01 or rect[1] > r[3] + 0.01 or r[1] > rect[3] + 0.01
-            for r in taken
+            for r in occupied
         ):
-            taken.append(rect)
-            return _add(layout, host, model, (x, y, z), yaw)
+            occupied.append(rect)
+            return _add_object(layout, host, model, (x, y, z), yaw)
     return False
 
 
-def _add(layout: Layout, host: Thing, model: Model, at: tuple[float, float, float], yaw: float) -> bool:
+def _add_object(
+    layout: Layout, host: PlacedObject, model: FurnitureModel, at: tuple[float, float, float], yaw: float
+) -> bool:
+    """Add a model at a position in the frame of its host; return False if an object above it is in the way."""
     c, s = np.cos(host.yaw), np.sin(host.yaw)
     x, y = host.at[0] + c * at[0] - s * at[1], host.at[1] + s * at[0] + c * at[1]
     z = host.at[2] + at[2]
@@ -109,11 +114,13 @@ def _add(layout: Layout, host: Thing, model: Model, at: tuple[float, float, floa
     half_y = (st * model.size[0] + ct * model.size[1]) / 2
     rect = (x - half_x, y - half_y, x + half_x, y + half_y)
     top = z + model.size[2]
-    for other in layout.things:  # what hangs over the host: cupboards, curtains, coats, pictures
+    for other in layout.objects:  # objects above the host: cupboards, curtains, coats, pictures
         if other is not host and other.room == host.room and other.height[1] > z + 2e-3 and other.height[0] < top:
             a = other.footprint
             if a[0] < rect[2] and rect[0] < a[2] and a[1] < rect[3] and rect[1] < a[3]:
                 return False
-    place = (float(x), float(y), float(z))
-    layout.things.append(Thing(model.class_id, model.name, place, total, model.parts, rect, (z, top), host.room))
+    position = (float(x), float(y), float(z))
+    layout.objects.append(
+        PlacedObject(model.class_id, model.name, position, total, model.parts, rect, (z, top), host.room)
+    )
     return True

@@ -1,6 +1,6 @@
-"""Walls, floors, ceilings, doorways, windows: what does not move, as parts of object 0, in world coordinates.
+"""Solids of the building (object 0): walls, floors, ceilings, doorways and windows, in the world frame.
 
-Surfaces nobody can see are not made: no outer face of the outer walls, no back of a skirting board.
+Hidden surfaces are omitted: the outer faces of the outer walls and the backs of the skirting boards.
 """
 
 from itertools import pairwise
@@ -11,12 +11,12 @@ from shapely.geometry import Point
 from autonerf_lab.scenes.layout import WALL, Layout, Opening
 
 REVEAL = 0.16  # metres from the inner face of an outer wall to the window pane
-TRIM = 0.065  # width of a door frame's face
-TILED = 2.0  # height of the tiles in a bathroom
+TRIM = 0.065  # metres, width of the face of a door frame
+TILED = 2.0  # metres, height of the tiles in a bathroom
 
 
 def structure_parts(layout: Layout) -> list[dict]:
-    """All parts of the building itself."""
+    """Return all parts of the building."""
     parts: list[dict] = []
     for index, room in enumerate(layout.rooms):
         for x0, y0, x1, y1 in floor_rects(layout, index):
@@ -35,7 +35,7 @@ def structure_parts(layout: Layout) -> list[dict]:
 
 
 def floor_rects(layout: Layout, index: int) -> list[tuple[float, float, float, float]]:
-    """Rectangles that cover the room's polygon exactly."""
+    """Return rectangles that cover the polygon of a room exactly."""
     polygon = layout.rooms[index].shape
     xs = sorted({x for x, _ in layout.rooms[index].polygon})
     found = []
@@ -55,7 +55,7 @@ def floor_rects(layout: Layout, index: int) -> list[tuple[float, float, float, f
 
 
 def openings_on(layout: Layout, index: int, p: np.ndarray, q: np.ndarray) -> list[tuple[float, float, Opening]]:
-    """Openings in the wall p -> q of a room, as (start, end) metres from p, in order."""
+    """Return the openings in the wall p -> q of a room as (start, end, opening), metres from p, in order."""
     length = float(np.linalg.norm(q - p))
     d = (q - p) / length
     outward = np.array([d[1], -d[0]])
@@ -70,6 +70,7 @@ def openings_on(layout: Layout, index: int, p: np.ndarray, q: np.ndarray) -> lis
 
 
 def _wall(layout: Layout, index: int, p: np.ndarray, q: np.ndarray) -> list[dict]:
+    """Return the parts of one wall around its openings, with skirting boards."""
     length = float(np.linalg.norm(q - p))
     d = (q - p) / length
     parts: list[dict] = []
@@ -115,12 +116,13 @@ def _wall(layout: Layout, index: int, p: np.ndarray, q: np.ndarray) -> list[dict
 
 
 def _oriented(opening: Opening) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the direction of an opening along its wall, the normal on its left, and its yaw."""
     d = np.array(opening.direction)
     return d, np.array([-d[1], d[0]]), float(np.arctan2(d[1], d[0]))
 
 
 def _frame(opening: Opening, side: np.ndarray, yaw: float, material: str) -> list[dict]:
-    """Three flat boards around an opening. ``side``: from the opening's middle to the wall face; yaw: +y outward."""
+    """Return a door frame of three boards; ``side`` leads from the opening's centre to the wall face, +y is outward."""
     d = np.array([np.cos(yaw), np.sin(yaw)])
     out = np.array([-d[1], d[0]])
     base = np.array(opening.at) + side + out * 0.009
@@ -135,10 +137,11 @@ def _frame(opening: Opening, side: np.ndarray, yaw: float, material: str) -> lis
 
 
 def _doorway(layout: Layout, opening: Opening) -> list[dict]:
+    """Return jambs, threshold, lintel and frames of a doorway."""
     d, left, yaw = _oriented(opening)
     at, half, h = np.array(opening.at), opening.width / 2, opening.high
     parts = []
-    for sign in (-1, 1):  # the jambs look at each other
+    for sign in (-1, 1):  # the jambs face each other
         foot = at + d * sign * half + left * sign * WALL / 2
         along = -left * sign * WALL
         parts.append({"quad": [[along[0], along[1], 0], [0, 0, h]], "at": [*foot, 0], "m": "frame"})
@@ -152,14 +155,14 @@ def _doorway(layout: Layout, opening: Opening) -> list[dict]:
 
 
 def _entrance(opening: Opening) -> list[dict]:
-    """A closed door, flush with the wall, with two panels, a handle and a spy hole."""
+    """Return a closed entrance door with two panels, a handle and a frame."""
     d, left, yaw = _oriented(opening)
     at = np.array(opening.at)
     parts = _frame(opening, np.zeros(2), yaw, "frame")
 
     def board(x: float, z: float, size: list[float], out: float, material: str) -> dict:
-        place = at + d * x + left * (out + size[1] / 2)
-        return {"box": size, "at": [*place, z], "yaw": yaw, "m": material, "omit": "y"}
+        position = at + d * x + left * (out + size[1] / 2)
+        return {"box": size, "at": [*position, z], "yaw": yaw, "m": material, "omit": "y"}
 
     w = opening.width
     parts.append(board(0, 0.008, [w, 0.012, opening.high - 0.008], 0, "door"))
@@ -171,7 +174,8 @@ def _entrance(opening: Opening) -> list[dict]:
 
 
 def _window(layout: Layout, opening: Opening, number: int) -> list[dict]:
-    d, left, yaw = _oriented(opening)  # left points into the room: walls keep the room on their left
+    """Return reveal, pane, bars and sill of a window."""
+    d, left, yaw = _oriented(opening)  # left points into the room
     at, half, low, high = np.array(opening.at), opening.width / 2, opening.low, opening.high
     parts: list[dict] = []
     back = -left * REVEAL
@@ -186,16 +190,16 @@ def _window(layout: Layout, opening: Opening, number: int) -> list[dict]:
     parts.append({"quad": [[-u[0], -u[1], 0], [0, 0, high - low]], "at": [*pane, low], "m": f"outdoors{number}"})
 
     def bar(x: float, z: float, size: list[float]) -> dict:
-        place = at + d * x + back + left * size[1] / 2
-        return {"box": size, "at": [*place, z], "yaw": yaw, "m": "window_frame", "omit": "y"}
+        position = at + d * x + back + left * size[1] / 2
+        return {"box": size, "at": [*position, z], "yaw": yaw, "m": "window_frame", "omit": "y"}
 
     w, h = opening.width, high - low
     parts += [bar(s * (half - 0.03), low, [0.06, 0.05, h]) for s in (-1, 1)]
     parts += [bar(0, z, [w - 0.12, 0.05, 0.06]) for z in (low, high - 0.06)]
     if w > 0.9:
         parts.append(bar(0, low + 0.06, [0.08, 0.05, h - 0.12]))
-    if 0.3 < low < 1.2:  # a sill that stands out a little
-        place = at + left * 0.03
+    if 0.3 < low < 1.2:  # a sill that projects slightly
+        position = at + left * 0.03
         size = [w + 0.1, 0.06, 0.03]
-        parts.append({"box": size, "at": [*place, low - 0.03], "yaw": yaw, "m": "sill", "omit": "y"})
+        parts.append({"box": size, "at": [*position, low - 0.03], "yaw": yaw, "m": "sill", "omit": "y"})
     return parts

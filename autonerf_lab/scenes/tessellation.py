@@ -1,30 +1,30 @@
-"""From the solids of a specification to surface patches, and from patches to triangles.
+"""Tessellation of the solids of a specification into surface patches, and of patches into triangles.
 
 A patch is a grid of (n + 1) x (m + 1) points: a flat face has one cell, the side of a vase many. Patch coordinates
-(a, b) run over [0, 1] squared; the normal is dP/da x dP/db and points to the free side. Each patch owns a rectangle
-of the atlas, with one texel of margin on every side so that neighbours never bleed.
+(a, b) run over [0, 1] squared; the normal is dP/da x dP/db and points to the free side. Each patch has a rectangle
+of the texture atlas, with a margin of one texel on every side, so that bilinear look-ups never read a neighbour.
 
-Solids (all in metres; ``at`` is the middle of the underside unless said otherwise; ``tilt`` turns about the local
-x axis first, ``yaw`` about z after it, both radians):
+Solids (metres and radians; ``at`` is the centre of the underside unless stated otherwise; ``tilt`` rotates about the
+local x axis first, then ``yaw`` about z):
 
-* ``box`` [sx, sy, sz]; ``omit`` names faces left out: ``x`` and ``X`` are the sides at -x and +x, and so on.
-* ``lathe`` [[radius, z], ...], a profile turned about z; ``n`` segments; ``scale`` [x, y]; ``power`` of the
-  superellipse (2 round, 5 a rounded square); ``arc`` of the turn.
-* ``quad`` [[ux, uy, uz], [vx, vy, vz]], a parallelogram; ``at`` is its corner.
-* ``ribbon`` [[x, y], ...] and ``height``: a curtain.
-* ``leaf`` [length, width, droop]: grows along +y from ``at``.
+* ``box`` [sx, sy, sz]; ``omit`` lists omitted faces: ``x`` and ``X`` are the sides at -x and +x, and so on.
+* ``lathe`` [[radius, z], ...]: surface of revolution of a profile about z; ``n`` segments; ``scale`` [x, y]; ``power``
+  of the superellipse (2 round, 5 a rounded square); ``arc`` [start, end] of the revolution.
+* ``quad`` [[ux, uy, uz], [vx, vy, vz]]: parallelogram; ``at`` is its corner.
+* ``ribbon`` [[x, y], ...] and ``height``: vertical surface over a polyline, such as a curtain.
+* ``leaf`` [length, width, droop]: leaf that extends along +y from ``at``.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-MARGIN = 1  # texels around each patch
-TEXEL_STRUCTURE = 0.016  # metres a texel on walls, floor and ceiling
-TEXEL_FURNITURE = 0.013
-TEXEL_SMALL = 0.006  # solids under SMALL metres: books, cups, bottles
-SMALL = 0.3
-ATLAS_WIDTH = 2048
+MARGIN = 1  # texels around the atlas rectangle of each patch
+TEXEL_STRUCTURE = 0.016  # metres per texel on walls, floor and ceiling
+TEXEL_FURNITURE = 0.013  # metres per texel on furniture
+TEXEL_SMALL = 0.006  # metres per texel on solids below SMALL: books, cups, bottles
+SMALL = 0.3  # metres
+ATLAS_WIDTH = 2048  # texels
 
 # corner, first edge and second edge of each face of the unit box standing on the origin
 _BOX_FACES = {
@@ -39,22 +39,22 @@ _BOX = np.array(list(_BOX_FACES.values()), dtype=np.float64)  # (6, 3, 3)
 
 
 @dataclass(frozen=True)
-class Patches:
-    """All surfaces of a scene as flat arrays. P patches, N points."""
+class SurfaceTessellation:
+    """Surface patches of a scene as flat arrays: P patches, N points."""
 
-    points: np.ndarray  # (N, 3) float64, world
+    points: np.ndarray  # (N, 3) float64, world frame, metres
     start: np.ndarray  # (P,) int64, first point of each patch; point (i, j) is start + i * (m + 1) + j
     cells: np.ndarray  # (P, 2) int64, n and m
     length: np.ndarray  # (P, 2) float64, metres along a and along b
-    shift: np.ndarray  # (P, 2) float64, metres: where the pattern starts, so that it runs on over cut walls
-    material: np.ndarray  # (P,) int64
+    shift: np.ndarray  # (P, 2) float64, metres: texture offset; makes patterns continue across the pieces of a wall
+    material: np.ndarray  # (P,) int64, index into the specification's materials
     object: np.ndarray  # (P,) int64, index into the specification's objects
-    rect: np.ndarray  # (P, 4) int64: left, top, width, height in the atlas, margin excluded
-    atlas: tuple[int, int]  # rows, columns
+    rect: np.ndarray  # (P, 4) int64: left, top, width, height in the atlas without margin, texels
+    atlas: tuple[int, int]  # rows, columns of the atlas, texels
 
 
 def rotation(yaw: float, tilt: float = 0.0) -> np.ndarray:
-    """(3, 3): first ``tilt`` about x, then ``yaw`` about z.
+    """Return the (3, 3) matrix that rotates by ``tilt`` about x, then by ``yaw`` about z (radians).
 
     Example:
         >>> (rotation(np.pi / 2) @ [1, 0, 0]).round(6) + 0
@@ -65,6 +65,7 @@ def rotation(yaw: float, tilt: float = 0.0) -> np.ndarray:
 
 
 def _lathe(part: dict) -> np.ndarray:
+    """Return the (n + 1, m + 1, 3) points of a surface of revolution."""
     profile = np.asarray(part["lathe"], dtype=np.float64)
     low, high = part.get("arc", (0.0, 2 * np.pi))
     angle = np.linspace(low, high, part.get("n", 12) + 1)
@@ -101,33 +102,35 @@ def _leaf(part: dict) -> np.ndarray:
 SHAPES = {"lathe": _lathe, "quad": _quad, "ribbon": _ribbon, "leaf": _leaf}
 
 
-def _frames(spec: dict, names: dict[str, int]) -> tuple[list[dict], np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Every part with its rotation, translation, material and object."""
-    parts, turns, moves, materials, owners = [], [], [], [], []
-    for index, thing in enumerate(spec["objects"]):
-        outer = rotation(thing.get("yaw", 0.0))
-        base = np.asarray(thing.get("at", (0, 0, 0)), dtype=np.float64)
-        for part in thing["parts"]:
+def _placed_parts(
+    spec: dict, names: dict[str, int]
+) -> tuple[list[dict], np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return all parts with their rotations, translations, material indices and object indices."""
+    parts, rotations, translations, materials, owners = [], [], [], [], []
+    for index, entry in enumerate(spec["objects"]):
+        outer = rotation(entry.get("yaw", 0.0))
+        base = np.asarray(entry.get("at", (0, 0, 0)), dtype=np.float64)
+        for part in entry["parts"]:
             yaw, tilt = part.get("yaw", 0.0), part.get("tilt", 0.0)
             parts.append(part)
-            turns.append(outer @ rotation(yaw, tilt) if yaw or tilt else outer)
-            moves.append(base + outer @ part.get("at", (0, 0, 0)))
+            rotations.append(outer @ rotation(yaw, tilt) if yaw or tilt else outer)
+            translations.append(base + outer @ part.get("at", (0, 0, 0)))
             materials.append(names[part["m"]])
             owners.append(index)
-    return parts, np.array(turns), np.array(moves), np.array(materials), np.array(owners)
+    return parts, np.array(rotations), np.array(translations), np.array(materials), np.array(owners)
 
 
-def build_patches(spec: dict) -> Patches:
-    """Surface patches of a valid specification, packed into an atlas.
+def tessellate(spec: dict) -> SurfaceTessellation:
+    """Tessellate the solids of a valid specification into surface patches and pack them into a texture atlas.
 
     Example:
         >>> table = {"id": 1, "parts": [{"box": [2, 1, 0.7], "m": "oak", "omit": "z"}]}
-        >>> patches = build_patches({"objects": [table], "materials": {"oak": {}}})
-        >>> len(patches.start), patches.length[-1].tolist()
+        >>> surface = tessellate({"objects": [table], "materials": {"oak": {}}})
+        >>> len(surface.start), surface.length[-1].tolist()
         (5, [2.0, 1.0])
     """
     names = {name: k for k, name in enumerate(spec["materials"])}
-    parts, turns, moves, materials, owners = _frames(spec, names)
+    parts, rotations, translations, materials, owners = _placed_parts(spec, names)
     is_box = np.array(["box" in part for part in parts])
     boxes = np.flatnonzero(is_box)
     size = np.array([parts[k]["box"] for k in boxes], dtype=np.float64).reshape(-1, 3)
@@ -135,17 +138,17 @@ def build_patches(spec: dict) -> Patches:
     local = _BOX[None] * size[:, None, None, :]  # (B, 6, corner/u/v, 3)
     corner, u, v = local[:, :, 0], local[:, :, 1], local[:, :, 2]
     grid = np.stack([corner, corner + v, corner + u, corner + u + v], axis=2)  # points (0,0) (0,1) (1,0) (1,1)
-    grid = np.einsum("bij,bfkj->bfki", turns[boxes], grid) + moves[boxes][:, None, None]
+    grid = np.einsum("bij,bfkj->bfki", rotations[boxes], grid) + translations[boxes][:, None, None]
     points = [grid[keep].reshape(-1, 3)]
     owner = [np.repeat(boxes, keep.sum(axis=1))]
     count = int(keep.sum())
     cells = [np.ones((count, 2), dtype=np.int64)]
     stretch = [np.ones((count, 2))]
     length = [np.stack([np.linalg.norm(u, axis=2)[keep], np.linalg.norm(v, axis=2)[keep]], axis=1)]
-    # each object starts its pattern elsewhere; structure (object 0) keeps world coordinates
-    offset = np.stack([moves[boxes] @ [0.7, 0.4, 0.3], moves[boxes] @ [0.3, 0.8, 0.6]], axis=1)[:, None] * np.ones(
-        (1, 6, 1)
-    )
+    # objects get different texture offsets; the building (object 0) keeps world coordinates
+    offset = np.stack([translations[boxes] @ [0.7, 0.4, 0.3], translations[boxes] @ [0.3, 0.8, 0.6]], axis=1)[
+        :, None
+    ] * np.ones((1, 6, 1))
     shift = [offset[keep]]
     for k in np.flatnonzero(~is_box):
         part = parts[k]
@@ -154,9 +157,9 @@ def build_patches(spec: dict) -> Patches:
         cell_a = np.linalg.norm(np.diff(shape, axis=0), axis=2)
         cell_b = np.linalg.norm(np.diff(shape, axis=1), axis=2)
         along, across = cell_a.sum(axis=0).max(), cell_b.sum(axis=1).max()
-        # cells share the texels evenly: what the longest one needs, all get
+        # all cells of a patch get the same number of texels: that of the longest one
         stretch.append(np.minimum([[n * cell_a.max() / along, m * cell_b.max() / across]], 1.6))
-        world = shape.reshape(-1, 3) @ turns[k].T + moves[k]
+        world = shape.reshape(-1, 3) @ rotations[k].T + translations[k]
         points.append(world)
         owner.append(np.array([k]))
         cells.append(np.array([[n, m]]))
@@ -173,7 +176,7 @@ def build_patches(spec: dict) -> Patches:
     structure = np.array([spec["objects"][o]["id"] == 0 for o in owners])
     texel = np.where(structure, TEXEL_STRUCTURE, np.where(small, TEXEL_SMALL, TEXEL_FURNITURE))[part_of]
     rect, atlas = pack(np.maximum(np.ceil(metres * np.concatenate(stretch) / texel[:, None]), 2).astype(np.int64))
-    return Patches(
+    return SurfaceTessellation(
         np.concatenate(points),
         np.concatenate([[0], np.cumsum(per_patch)[:-1]]),
         cell,
@@ -187,6 +190,7 @@ def build_patches(spec: dict) -> Patches:
 
 
 def _extent(part: dict) -> float:
+    """Return the largest dimension of a part, metres."""
     if "box" in part:
         return max(part["box"])
     if "lathe" in part:
@@ -195,13 +199,13 @@ def _extent(part: dict) -> float:
 
 
 def pack(sizes: np.ndarray) -> tuple[np.ndarray, tuple[int, int]]:
-    """Shelf packing, tallest first.
+    """Pack rectangles into an atlas of fixed width (shelf packing, tallest first).
 
     Args:
-        sizes: (P, 2) integer width and height of each rectangle, without margin.
+        sizes: (P, 2) int, width and height of each rectangle without margin, texels.
 
     Returns:
-        (P, 4) left, top, width, height, and the (rows, columns) of the atlas.
+        (P, 4) int64 left, top, width, height, and the (rows, columns) of the atlas, texels.
 
     Example:
         >>> pack(np.array([[4, 2], [3, 5]]))[0].tolist()
@@ -220,28 +224,28 @@ def pack(sizes: np.ndarray) -> tuple[np.ndarray, tuple[int, int]]:
     return rect, (y + shelf, ATLAS_WIDTH)
 
 
-def triangulate(patches: Patches) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Two triangles a cell, without those that a pole or a tip squeezes to nothing.
+def triangulate(surface: SurfaceTessellation) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Split every cell into two triangles and drop triangles without area (at poles and tips).
 
     Returns:
         vertices (V, 3) float32, faces (F, 3) int32, uv (F, 3, 2) float32 (v down), patch (F,) int64.
     """
-    n, m = patches.cells[:, 0], patches.cells[:, 1]
+    n, m = surface.cells[:, 0], surface.cells[:, 1]
     total = n * m
     patch = np.repeat(np.arange(len(n)), total)
     inner = np.arange(len(patch)) - np.repeat(np.concatenate([[0], np.cumsum(total)[:-1]]), total)
     i, j = inner // m[patch], inner % m[patch]
     stride = m[patch] + 1
-    first = patches.start[patch] + i * stride + j
+    first = surface.start[patch] + i * stride + j
     p00, p01, p10, p11 = first, first + 1, first + stride, first + stride + 1
     faces = np.stack([np.stack([p00, p10, p11], 1), np.stack([p00, p11, p01], 1)], axis=1).reshape(-1, 3)
     di, dj = np.array([[0, 1, 1], [0, 1, 0]]), np.array([[0, 0, 1], [0, 1, 1]])
     a = ((i[:, None, None] + di) / n[patch][:, None, None]).reshape(-1, 3)
     b = ((j[:, None, None] + dj) / m[patch][:, None, None]).reshape(-1, 3)
     patch = np.repeat(patch, 2)
-    left, top, width, height = (column[:, None] for column in patches.rect[patch].T)
-    uv = np.stack([(left + a * width) / patches.atlas[1], (top + (1 - b) * height) / patches.atlas[0]], axis=2)
-    vertices = patches.points.astype(np.float32)
+    left, top, width, height = (column[:, None] for column in surface.rect[patch].T)
+    uv = np.stack([(left + a * width) / surface.atlas[1], (top + (1 - b) * height) / surface.atlas[0]], axis=2)
+    vertices = surface.points.astype(np.float32)
     corner = vertices[faces].astype(np.float64)
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
     real = area > 1e-8

@@ -1,4 +1,4 @@
-"""Value noise, the raw material of every surface: smooth, seeded, the same on every machine."""
+"""Value noise of the procedural textures: smooth, seeded and identical on every machine."""
 
 import numpy as np
 from numba import njit, uint32
@@ -6,7 +6,7 @@ from numba import njit, uint32
 
 @njit(cache=True, inline="always")
 def hash01(x: int, y: int, z: int, seed: int) -> float:
-    """An integer point -> [0, 1)."""
+    """Hash an integer point and a seed to a float in [0, 1)."""
     h = uint32(x) * uint32(374761393) + uint32(y) * uint32(668265263) + uint32(z) * uint32(2147483647) + uint32(seed)
     h = uint32(h) * uint32(2654435769)
     h = uint32(h ^ (h >> uint32(15))) * uint32(2246822519)
@@ -17,7 +17,7 @@ def hash01(x: int, y: int, z: int, seed: int) -> float:
 
 @njit(cache=True)
 def noise2(x: float, y: float, seed: int) -> float:
-    """Smooth noise in [0, 1), one bump a unit."""
+    """Return smooth 2-D value noise in [0, 1) with lattice spacing 1."""
     i, j = int(np.floor(x)), int(np.floor(y))
     u, v = x - i, y - j
     u, v = u * u * (3 - 2 * u), v * v * (3 - 2 * v)
@@ -28,7 +28,7 @@ def noise2(x: float, y: float, seed: int) -> float:
 
 @njit(cache=True)
 def noise3(x: float, y: float, z: float, seed: int) -> float:
-    """Smooth noise in [0, 1) in space."""
+    """Return smooth 3-D value noise in [0, 1) with lattice spacing 1."""
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     u, v, w = x - i, y - j, z - k
     u, v, w = u * u * (3 - 2 * u), v * v * (3 - 2 * v), w * w * (3 - 2 * w)

@@ -1,11 +1,11 @@
-"""Noise of motion and of odometry, as measured on real robots.
+"""Noise of actuation and odometry, measured on real robots.
 
-``ans``: the Gaussian mixtures that Chaplot et al. (Active Neural SLAM, 2020) fitted to a LoCoBot, for a forward step of
-25 cm and turns of 10 degrees. Their robot frame has y to the right and clockwise angles; here y is to the left and
-angles are counter-clockwise, so both change sign. A turn by another angle is that many turns of 10 degrees: means grow
-with the angle, deviations with its square root.
+``ans``: Gaussian mixtures that Chaplot et al. (Active Neural SLAM, 2020) fitted to a LoCoBot, for a forward step of
+25 cm and rotations of 10 degrees. Their robot frame has y to the right and clockwise angles; here y points left and
+angles are counter-clockwise, so both change sign. A rotation by another angle is treated as several rotations of
+10 degrees: means grow with the angle, standard deviations with its square root.
 
-``locobot``: the far noisier actuation of habitat-sim's model, which adds to the commanded motion whatever its length.
+``locobot``: the noisier actuation model of habitat-sim, added to the commanded motion independently of its length.
 """
 
 from dataclasses import dataclass
@@ -22,17 +22,17 @@ _COMMANDS: dict[Action, Motion] = {
     Action.TURN_LEFT: (0.0, 0.0, TURN_ANGLE),
     Action.TURN_RIGHT: (0.0, 0.0, -TURN_ANGLE),
 }
-_MEASURED_FORWARD = 0.25  # metres, the commands that the mixtures were fitted to
-_MEASURED_TURN = float(np.radians(10))
+_MEASURED_FORWARD = 0.25  # metres, command to which the mixtures were fitted
+_MEASURED_TURN = float(np.radians(10))  # radians
 
 
 @dataclass(frozen=True)
 class Gaussian:
-    """One component: weight, mean and standard deviation in mm, mm, degrees, in the frame of the publication."""
+    """Component of a Gaussian mixture over motions, in the frame of the publication."""
 
-    weight: float
-    mean: Motion
-    sigma: Motion
+    weight: float  # in [0, 1]
+    mean: Motion  # mm, mm, degrees
+    sigma: Motion  # standard deviation; mm, mm, degrees
 
 
 _ACTUATION = {
@@ -57,36 +57,36 @@ _ODOMETRY = {
         Gaussian(0.439, (2.3, -19.5, 0.068), (0.0, 0.0, 0.061)),
     ),
 }
-_LOCOBOT_FORWARD = ((0.014, 0.009, 0.0), (0.077, 0.071, 0.063))  # mean and deviation: metres, metres, radians
+_LOCOBOT_FORWARD = ((0.014, 0.009, 0.0), (0.077, 0.071, 0.063))  # mean and standard deviation; metres, metres, radians
 _LOCOBOT_TURN = ((0.0, 0.0, 0.0), (0.045, 0.055, 0.11))
 MODELS = ("ans", "locobot")
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Which noise a simulator has.
+class MotionNoise:
+    """Noise settings of a simulator.
 
     Raises:
-        UnknownNameError: no such model.
+        UnknownNameError: There is no noise model of that name.
 
     Example:
-        >>> forward, left, turn = Noise().motion(Action.FORWARD, np.random.default_rng(0))
+        >>> forward, left, turn = MotionNoise().motion(Action.FORWARD, np.random.default_rng(0))
         >>> 0.2 < forward < 0.3
         True
-        >>> Noise(actuation=False).motion(Action.FORWARD, np.random.default_rng(0))
+        >>> MotionNoise(actuation=False).motion(Action.FORWARD, np.random.default_rng(0))
         (0.25, 0.0, 0.0)
     """
 
-    actuation: bool = True  # the robot does not move as told
-    odometry: bool = True  # nor does it know how it moved (``Observation.pose`` drifts)
-    model: str = "ans"  # of the actuation
+    actuation: bool = True  # the motion differs from the command
+    odometry: bool = True  # the measured motion differs from the true one: ``Observation.pose`` drifts
+    model: str = "ans"  # actuation model, ``ans`` or ``locobot``; the odometry model is always ``ans``
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
             raise UnknownNameError("noise model", self.model, MODELS)
 
     def motion(self, action: Action, rng: np.random.Generator) -> Motion:
-        """What the robot does when told ``action`` and nothing is in its way."""
+        """Sample the motion that an action causes without obstacles, in the robot's frame."""
         command = _COMMANDS[action]
         if not self.actuation:
             return command
@@ -97,12 +97,21 @@ class Noise:
         return float(x), float(y), float(turn)
 
     def odometry_error(self, action: Action, rng: np.random.Generator) -> Motion:
-        """What the wheel sensors add to the motion that took place."""
+        """Sample the error that odometry adds to the true motion, in the robot's frame."""
         return _sample(_ODOMETRY[action], _scale(action), rng) if self.odometry else (0.0, 0.0, 0.0)
 
 
 def compose(x: float, y: float, heading: float, motion: Motion) -> tuple[float, float, float]:
-    """The planar pose after a motion in the robot's own frame.
+    """Return the planar pose after a motion.
+
+    Args:
+        x: World x, metres.
+        y: World y, metres.
+        heading: Angle from the world x axis, radians, counter-clockwise.
+        motion: Metres forward, metres left and radians counter-clockwise, in the robot's frame.
+
+    Returns:
+        World x, y and heading after the motion.
 
     Example:
         >>> [round(v, 6) for v in compose(1.0, 1.0, np.pi / 2, (0.25, 0.0, 0.1))]
@@ -114,10 +123,12 @@ def compose(x: float, y: float, heading: float, motion: Motion) -> tuple[float, 
 
 
 def _scale(action: Action) -> float:
+    """Return the ratio of the commanded to the measured motion."""
     return FORWARD_STEP / _MEASURED_FORWARD if action == Action.FORWARD else TURN_ANGLE / _MEASURED_TURN
 
 
 def _sample(mixture: tuple[Gaussian, ...], scale: float, rng: np.random.Generator) -> Motion:
+    """Sample a motion from a mixture, converted to metres and radians in the frame of this package."""
     component = mixture[rng.choice(len(mixture), p=[g.weight for g in mixture])]
     x, y, turn = rng.normal(np.array(component.mean) * scale, np.array(component.sigma) * np.sqrt(scale))
     return float(x) / 1000, -float(y) / 1000, -float(np.radians(turn))

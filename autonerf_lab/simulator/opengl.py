@@ -1,6 +1,6 @@
-"""The same scene through OpenGL (pyrender): a second opinion on the simulator's images.
+"""OpenGL renderer of a scene (pyrender), an independent reference for the simulator's images.
 
-pyrender is no longer maintained. What it needs to run today, on a machine without a screen, is kept in this file.
+pyrender is no longer maintained; this module contains the workarounds that it needs without a display.
 """
 
 import os
@@ -16,11 +16,11 @@ _NEAR, _FAR = 0.02, 100.0  # metres
 
 
 class GLRenderer:
-    """Colour and depth of a scene by OpenGL. Close it when done, or use it in a ``with`` statement.
+    """Renderer of colour and depth with OpenGL. Close it after use, or use it in a ``with`` statement.
 
     Args:
-        scene: the apartment.
-        intrinsics: the camera.
+        scene: Scene to render.
+        intrinsics: Intrinsics of the camera.
 
     Raises:
         AutoNerfError: pyrender or the OpenGL libraries of the system are missing.
@@ -35,7 +35,7 @@ class GLRenderer:
         uv = scene.uv.reshape(-1, 2)
         primitive = pyrender.Primitive(
             positions=scene.vertices[scene.faces.reshape(-1)].astype(np.float32),
-            texcoord_0=np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype(np.float32),  # OpenGL counts rows upwards
+            texcoord_0=np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype(np.float32),  # in OpenGL v points up
             material=material,
             mode=4,  # GL_TRIANGLES
         )
@@ -45,19 +45,20 @@ class GLRenderer:
         self._camera = self._scene.add(pyrender.IntrinsicsCamera(k.fl_x, k.fl_y, k.cx, k.cy, _NEAR, _FAR))
         try:
             self._renderer: Any = pyrender.OffscreenRenderer(k.width, k.height)
-        except Exception as error:  # PyOpenGL and pyglet raise a dozen unrelated types here
+        except Exception as error:  # PyOpenGL and pyglet raise many unrelated types
             raise AutoNerfError(
-                f"OpenGL is not usable here ({error}); on Debian: apt-get install libegl1 libgl1"
+                f"OpenGL cannot be initialised ({error}); on Debian: apt-get install libegl1 libgl1"
             ) from error
 
     def render(self, c2w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The image at a pose.
+        """Render the image at a pose.
 
         Args:
-            c2w: (4, 4) camera-to-world.
+            c2w: (4, 4) camera-to-world pose, OpenGL axes, metres.
 
         Returns:
-            rgb (H, W, 3) uint8, one sample a pixel, and depth (H, W) float32 metres along the axis, 0 = none.
+            rgb (H, W, 3) uint8 with one sample per pixel, and depth (H, W) float32 along the optical axis, metres,
+            0 = no surface.
         """
         self._scene.set_pose(self._camera, np.asarray(c2w, dtype=np.float64))
         color, depth = self._renderer.render(self._scene, flags=self._pyrender.RenderFlags.FLAT)
@@ -75,18 +76,19 @@ class GLRenderer:
 
 
 def _import_pyrender() -> Any:
+    """Import pyrender with the settings and patches that it needs."""
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")  # read by PyOpenGL when it is imported
     os.environ.setdefault("PYGLET_HEADLESS", "1")
     if not hasattr(np, "infty"):
-        setattr(np, "infty", np.inf)  # noqa: B010 - gone in NumPy 2, but pyrender still asks for it
+        setattr(np, "infty", np.inf)  # noqa: B010 - removed in NumPy 2, but used by pyrender
     try:
         import pyrender
-    except Exception as error:  # ImportError, and what PyOpenGL raises without its libraries
+    except Exception as error:  # ImportError, or errors of PyOpenGL without its libraries
         raise AutoNerfError(
             f"pyrender cannot be imported ({error}); pip install 'autonerf-lab[gl]', and on Debian:"
             " apt-get install libegl1 libgl1"
         ) from error
-    # It draws four samples a pixel and hands out the depth of one of them, up to half a pixel beside the centre.
+    # Disable multisampling: pyrender would return the depth of a sample up to half a pixel beside the pixel centre.
     storage = pyrender.renderer.glRenderbufferStorageMultisample
     if getattr(storage, "__name__", "") != "_one_sample":
 

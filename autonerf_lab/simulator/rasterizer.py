@@ -1,11 +1,11 @@
-"""Draw a triangle mesh through a pinhole camera: what a ray through each sample would hit first, without casting it.
+"""Rasterisation and shading of a triangle mesh for a pinhole camera, with homogeneous coordinates.
 
-A camera sees one bundle of rays with a common origin, and for such a bundle visibility is linear algebra: the ray with
-direction d (scaled to depth 1) meets the triangle (v0, v1, v2), in camera coordinates, at the barycentric weights
-``b = M^-1 d, M = [v0 v1 v2]``, inside when no weight is negative, at the inverse depth ``b0 + b1 + b2`` (Olano and
-Greer 1997). All four are linear in the pixel, so a row of pixels costs an addition and a comparison each; nothing needs
-clipping. On one core this is several times faster than casting the same rays through a bounding-volume hierarchy, and
-the result is the same (a test says so).
+All rays of a camera have the same origin. The ray with direction d (scaled to depth 1) meets the plane of a triangle
+(v0, v1, v2), in camera coordinates, at the barycentric weights ``b = M^-1 d, M = [v0 v1 v2]``. It hits the triangle if
+no weight is negative, at the inverse depth ``b0 + b1 + b2`` (Olano and Greer 1997). Weights and inverse depth are
+linear in the pixel position, so each pixel of a row costs an addition and a comparison, and no clipping is needed. On
+one core this is several times faster than casting the same rays through a bounding-volume hierarchy, with the same
+result (tested in ``tests/simulator``).
 """
 
 import numpy as np
@@ -13,19 +13,19 @@ from numba import njit
 
 from autonerf_lab.simulator.specular import highlight
 
-CHUNK = 32  # faces that are tested against the view frustum together
+CHUNK = 32  # faces per frustum test
 _SLACK = 1e-3  # pixels
-_NEAR = 1e-4  # metres; only bounds the screen rectangle of triangles that reach behind the camera
+_NEAR = 1e-4  # metres; only limits the screen rectangle of triangles that extend behind the camera
 
 
 def chunk_bounds(triangles: np.ndarray) -> np.ndarray:
-    """Bounding spheres of runs of :data:`CHUNK` faces.
+    """Return the bounding spheres of chunks of :data:`CHUNK` consecutive faces.
 
     Args:
-        triangles: (F, 3, 3) corners, metres.
+        triangles: (F, 3, 3) corners, world frame, metres.
 
     Returns:
-        (ceil(F / CHUNK), 4) float64: centre and radius.
+        (ceil(F / CHUNK), 4) float64: centre and radius, metres.
 
     Example:
         >>> chunk_bounds(np.array([[[0, 0, 0], [2, 0, 0], [0, 0, 0]]], np.float32))
@@ -41,7 +41,7 @@ def chunk_bounds(triangles: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _edges(v: np.ndarray, fl_x: float, fl_y: float, cx: float, cy: float, out: np.ndarray) -> float:
-    """Row i of ``out``: weight i times det as (per column, per row, at pixel [0, 0]), i < 3. Returns det."""
+    """Write weight i times det to row i of ``out``: slopes per column and row, value at pixel [0, 0]. Return det."""
     det = 0.0
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -58,6 +58,7 @@ def _edges(v: np.ndarray, fl_x: float, fl_y: float, cx: float, cy: float, out: n
 
 @njit(cache=True, nogil=True)
 def _to_camera(triangles: np.ndarray, f: int, w2c: np.ndarray, out: np.ndarray) -> None:
+    """Write the corners of face ``f`` in camera coordinates to ``out`` (3, 3)."""
     for i in range(3):
         for r in range(3):
             out[i, r] = (
@@ -77,15 +78,15 @@ def rasterize(
     inverse_depth: np.ndarray,
     face: np.ndarray,
 ) -> None:
-    """Fill ``inverse_depth`` and ``face`` with the nearest surface through each pixel centre.
+    """Find the nearest surface at each pixel centre.
 
     Args:
-        triangles: (F, 3, 3) float32, world frame.
-        bounds: of :func:`chunk_bounds`.
-        w2c: (4, 4) float64 world-to-camera (OpenGL axes).
+        triangles: (F, 3, 3) float32, world frame, metres.
+        bounds: Result of :func:`chunk_bounds`.
+        w2c: (4, 4) float64 world-to-camera, OpenGL axes.
         camera: (4,) float64: fl_x, fl_y, cx, cy in pixels.
-        inverse_depth: (H, W) float32, written: 1 / metres along the axis, 0 = nothing.
-        face: (H, W) int32, written: -1 = nothing.
+        inverse_depth: (H, W) float32, written: 1 / depth along the optical axis, 1/m, 0 = no surface.
+        face: (H, W) int32, written: index of the face, -1 = no surface.
     """
     height, width = face.shape
     fl_x, fl_y, cx, cy = camera[0], camera[1], camera[2], camera[3]
@@ -101,10 +102,10 @@ def rasterize(
         x = w2c[0, 0] * bounds[c, 0] + w2c[0, 1] * bounds[c, 1] + w2c[0, 2] * bounds[c, 2] + w2c[0, 3]
         y = w2c[1, 0] * bounds[c, 0] + w2c[1, 1] * bounds[c, 1] + w2c[1, 2] * bounds[c, 2] + w2c[1, 3]
         z = w2c[2, 0] * bounds[c, 0] + w2c[2, 1] * bounds[c, 1] + w2c[2, 2] * bounds[c, 2] + w2c[2, 3]
-        seen = z < bounds[c, 3]
+        visible = z < bounds[c, 3]
         for s in range(4):
-            seen = seen and sides[s, 0] * x + sides[s, 1] * y + sides[s, 2] * z > -bounds[c, 3]
-        if not seen:
+            visible = visible and sides[s, 0] * x + sides[s, 1] * y + sides[s, 2] * z > -bounds[c, 3]
+        if not visible:
             continue
         for f in range(c * CHUNK, min((c + 1) * CHUNK, len(triangles))):
             _to_camera(triangles, f, w2c, v)
@@ -123,8 +124,8 @@ def rasterize(
                     left, right, top, bottom = min(left, px), max(right, px), min(top, py), max(bottom, py)
             if right < 0 or left > width or bottom < 0 or top > height:
                 continue
-            # Pixel centres in the rectangle, with slack: the edges decide, the rectangle only saves work. Most
-            # triangles of a scan hold no centre at all and end here.
+            # Pixel centres in the screen rectangle, with slack: it only limits the work, the edges decide. Most
+            # triangles of a scan contain no pixel centre and are skipped here.
             row0 = int(np.ceil(max(0.0, top - 0.5 - _SLACK)))
             row1 = int(np.floor(min(height - 1.0, bottom - 0.5 + _SLACK)))
             col0 = int(np.ceil(max(0.0, left - 0.5 - _SLACK)))
@@ -162,6 +163,7 @@ def rasterize(
 
 @njit(cache=True, nogil=True)
 def _normal(triangles: np.ndarray, f: int, out: np.ndarray) -> None:
+    """Write the unit normal of face ``f`` to ``out`` (3,)."""
     a, b = triangles[f, 1] - triangles[f, 0], triangles[f, 2] - triangles[f, 0]
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
@@ -185,20 +187,23 @@ def shade(
     lamps: np.ndarray,
     rgb: np.ndarray,
 ) -> None:
-    """Colour of each pixel: the mean of its k x k samples, each a bilinear look-up in the texture.
+    """Write the colour of each pixel: the mean of its k x k samples, each a bilinear texture look-up.
 
-    The mean is taken of the sRGB values as they are displayed. That is not how light adds up, but it is the average a
-    radiance field that is trained on such values computes along its rays.
+    The mean is over displayed (sRGB) values, not linear light, because a radiance field trained on such images averages
+    the same values along its rays.
 
     Args:
-        face: (k H, k W) int32 of :func:`rasterize` at k times the resolution.
-        triangles: (F, 3, 3) float32, world frame.
+        face: (k H, k W) int32, result of :func:`rasterize` at k times the resolution.
+        triangles: (F, 3, 3) float32, world frame, metres.
         uv: (F, 3, 2) float32 in [0, 1], v down.
-        texture: (Ht, Wt, 3) uint8.
-        w2c: (4, 4) float64 world-to-camera.
-        camera: (4,) of the k times finer image.
-        gloss: (F,) float32, with room, first and lamps those of ``gloss.Gloss``; (0,) for none.
-        rgb: (H, W, 3) uint8, written; black where nothing was hit.
+        texture: (Ht, Wt, 3) uint8 sRGB.
+        w2c: (4, 4) float64 world-to-camera, OpenGL axes.
+        camera: (4,) float64 fl_x, fl_y, cx, cy in pixels of the k times finer image.
+        gloss: (F,) float32, see :class:`~autonerf_lab.simulator.specular.Gloss`; (0,) disables highlights.
+        room: (F,) int32, see ``Gloss``.
+        first: (R + 1,) int32, see ``Gloss``.
+        lamps: (L, 7) float32, see ``Gloss``.
+        rgb: (H, W, 3) uint8, written; black where there is no surface.
     """
     height, width = rgb.shape[0], rgb.shape[1]
     k = face.shape[0] // height
@@ -247,7 +252,7 @@ def shade(
                 blue += w11 * texture[y1, x1, 2]
                 if shiny:
                     across, up = (x + 0.5 - camera[2]) / camera[0], -(y + 0.5 - camera[3]) / camera[1]
-                    far = depth * det  # metres: the planes are scaled by the triangle's determinant
+                    far = depth * det  # depth in metres: the planes are scaled by the determinant
                     for j in range(3):
                         point[j] = eye[j] + far * (w2c[0, j] * across + w2c[1, j] * up - w2c[2, j])
                     glow[:] = 0.0

@@ -1,4 +1,4 @@
-"""Cast arbitrary rays into a scene (embree)."""
+"""Ray casting against a triangle mesh (embree)."""
 
 from dataclasses import dataclass
 
@@ -6,23 +6,23 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-_BLOCK = 1 << 18  # rays at a time: bounds the memory that embreex's outputs take
-_FAR = 1e30
+_BLOCK = 1 << 18  # rays per call: bounds the memory of embreex's outputs
+_FAR = 1e30  # larger distances mean no hit
 
 
 @dataclass(frozen=True)
 class Hits:
-    """Where rays first meet a surface."""
+    """First intersections of N rays with a mesh."""
 
-    t: np.ndarray  # (N,) float32, in units of |rays_d|: the point is rays_o + t * rays_d; inf for none
-    face: np.ndarray  # (N,) int32, -1 for none
+    t: np.ndarray  # (N,) float32, the hit is at rays_o + t * rays_d; inf = no hit
+    face: np.ndarray  # (N,) int32, index of the face, -1 = no hit
 
 
 class RayCaster:
-    """A mesh that rays can be shot at.
+    """Ray caster for a triangle mesh.
 
     Args:
-        triangles: (F, 3, 3) corners, metres.
+        triangles: (F, 3, 3) corners, world frame, metres.
 
     Example:
         >>> caster = RayCaster(np.array([[[0, 0, 1], [1, 0, 1], [0, 1, 1]]], np.float32))
@@ -36,11 +36,11 @@ class RayCaster:
         self._mesh = TriangleMesh(self._scene, np.ascontiguousarray(triangles, dtype=np.float32))
 
     def cast(self, rays_o: np.ndarray, rays_d: np.ndarray) -> Hits:
-        """First hits.
+        """Return the first hits of rays.
 
         Args:
-            rays_o: (N, 3) origins, metres, world frame.
-            rays_d: (N, 3) directions, any length.
+            rays_o: (N, 3) origins, world frame, metres.
+            rays_d: (N, 3) directions of any length.
         """
         rays_o = np.ascontiguousarray(rays_o, dtype=np.float32).reshape(-1, 3)
         rays_d = np.ascontiguousarray(rays_d, dtype=np.float32).reshape(-1, 3)

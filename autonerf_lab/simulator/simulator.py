@@ -1,4 +1,4 @@
-"""The simulator: a robot with a camera in a scene."""
+"""Simulator of a disc-shaped robot with a camera in a scene."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,64 +10,78 @@ import numpy as np
 from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, planar_pose
 from autonerf_lab.scenes.scene import Scene
-from autonerf_lab.simulator.motion_noise import Motion, Noise, compose
+from autonerf_lab.simulator.motion_noise import Motion, MotionNoise, compose
 from autonerf_lab.simulator.navigation import NavigationGrid, build_navigation
 from autonerf_lab.simulator.rasterizer import chunk_bounds, rasterize, shade
 from autonerf_lab.simulator.raycast import Hits, RayCaster
-from autonerf_lab.simulator.specular import NONE, gloss_of
+from autonerf_lab.simulator.specular import NO_GLOSS, scene_gloss
 from autonerf_lab.types import Action, Observation
 
 if TYPE_CHECKING:
     from autonerf_lab.config import Preset
 
-_COLLISION = 0.8  # of a forward motion: getting less far is a collision (0.20 m of 0.25 m)
-CAST_FROM = 250_000  # triangles; the cost of drawing grows with them, that of casting rays hardly does
-_NO_NOISE = Noise(actuation=False, odometry=False)
+_COLLISION = 0.8  # share of a forward motion below which it counts as a collision (0.20 m of 0.25 m)
+CAST_FROM = 250_000  # triangles from which ray casting replaces rasterisation, whose cost grows with their number
+_NO_NOISE = MotionNoise(actuation=False, odometry=False)
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What a camera sees."""
+    """Image, depth and ground-truth labels at one camera pose."""
 
-    rgb: np.ndarray  # (H, W, 3) uint8, mean of the samples of each pixel; black where there is no surface
-    depth: np.ndarray  # (H, W) float32, metres along the axis through the pixel centre, 0 = none
-    semantics: np.ndarray  # (H, W) uint8, class at the pixel centre
-    instances: np.ndarray  # (H, W) int32, object at the pixel centre, 0 = structure or none
+    rgb: np.ndarray  # (H, W, 3) uint8 sRGB, mean of the samples of each pixel; black = no surface
+    depth: np.ndarray  # (H, W) float32 along the optical axis at the pixel centre, metres, 0 = no surface
+    semantics: np.ndarray  # (H, W) uint8, class index at the pixel centre
+    instances: np.ndarray  # (H, W) int32, object id at the pixel centre, 0 = building or no surface
 
 
-class _Ground:
-    """What simulators of one scene share: most of the time of making one goes into this."""
+class _SceneGeometry:
+    """Preprocessed geometry that all simulators of one scene share."""
 
     def __init__(self, scene: Scene) -> None:
         self.navigation: NavigationGrid = build_navigation(scene)
         self.triangles = np.ascontiguousarray(scene.vertices[scene.faces], dtype=np.float32)
         self.chunks = chunk_bounds(self.triangles)
-        # Face -1 is "no surface": it reads the last entry.
+        # Face -1 (no surface) reads the last entry.
         self.classes = np.append(scene.face_class, 0).astype(np.uint8)
         self.instances = np.append(scene.face_instance, 0).astype(np.int32)
 
     @cached_property
     def caster(self) -> RayCaster:
-        return RayCaster(self.triangles)  # hundreds of megabytes for a large mesh
+        """Ray caster, built on first access: it needs hundreds of megabytes for a large mesh."""
+        return RayCaster(self.triangles)
 
 
-_grounds: "WeakKeyDictionary[Scene, _Ground]" = WeakKeyDictionary()
+_geometries: "WeakKeyDictionary[Scene, _SceneGeometry]" = WeakKeyDictionary()
 
 
 class Simulator:
-    """A robot (a disc of 0.18 m radius, a level camera at 0.88 m) in a scene.
+    """Simulator of a robot in a scene: a disc of 0.18 m radius with a level camera at 0.88 m.
+
+    **Frames.** The world frame is that of the scene: metres, right-handed, z up, floor at z = 0. Poses are (4, 4)
+    float64 camera-to-world matrices with OpenGL axes: x right, y up, the camera looks along -z.
+
+    **Actions** (:class:`~autonerf_lab.types.Action`). 0: 0.25 m forward; 1: rotate 30 degrees left; 2: rotate 30
+    degrees right. The robot slides along obstacles. A forward motion shorter than 80 % of the commanded one is a
+    collision.
+
+    **Observations** (:class:`~autonerf_lab.types.Observation`). Colour, depth along the optical axis in metres,
+    ground-truth classes, pose by odometry, collision flag and number of steps. Without noise, odometry is exact.
+
+    **Start.** :meth:`reset` samples a navigable start pose unless one is given. The simulator has no time limit.
 
     Args:
-        scene: the apartment.
-        intrinsics: the camera; 128x128 pixels and 90 degrees without.
-        supersample: colours are the mean of ``supersample`` x ``supersample`` samples a pixel. Depth and labels are
-            never averaged: they are those of the pixel centre.
-        rgb: whether observations have colours (else black): policies that do not look at them train faster.
-        noise: of motion and odometry; none without.
-        gloss: whether polished surfaces show highlights, which move with the camera (generated scenes only).
+        scene: Scene to simulate.
+        intrinsics: Camera intrinsics; default: 128 x 128 pixels, 90 degrees horizontal field of view.
+        supersample: Samples per pixel along each axis; colours are their mean. Depth and labels are those of the pixel
+            centre.
+        rgb: Render colours; False leaves them black, which is faster.
+        noise: Noise of motion and odometry; default: none.
+        gloss: Render view-dependent highlights on glossy surfaces (generated scenes only).
 
     Raises:
-        SceneError: no floor, or no place where the robot fits; or gloss for a scan.
+        SceneError: The scene has no floor, the robot fits nowhere, or ``gloss`` is True for an imported mesh.
+        ValueError: ``supersample`` is below 1.
 
     Example:
         >>> from autonerf_lab.scenes import load_scene
@@ -84,7 +98,7 @@ class Simulator:
         intrinsics: Intrinsics | None = None,
         supersample: int = 2,
         rgb: bool = True,
-        noise: Noise | None = None,
+        noise: MotionNoise | None = None,
         gloss: bool = False,
     ) -> None:
         if supersample < 1:
@@ -94,11 +108,11 @@ class Simulator:
         self.supersample = supersample
         self.rgb = rgb
         self.noise = noise or _NO_NOISE
-        if scene not in _grounds:
-            _grounds[scene] = _Ground(scene)
-        self._ground = _grounds[scene]
-        self.navigation = self._ground.navigation
-        self._gloss = gloss_of(scene) if gloss else NONE
+        if scene not in _geometries:
+            _geometries[scene] = _SceneGeometry(scene)
+        self._geometry = _geometries[scene]
+        self.navigation = self._geometry.navigation
+        self._gloss = scene_gloss(scene) if gloss else NO_GLOSS
         width, height = self.intrinsics.width, self.intrinsics.height
         self._fine_intrinsics = self.intrinsics.resized(width * supersample, height * supersample)
         self._face = np.empty((height, width), np.int32)
@@ -106,34 +120,35 @@ class Simulator:
         self._fine_face = np.empty((height * supersample, width * supersample), np.int32)
         self._fine_inverse_depth = np.empty(self._fine_face.shape, np.float32)
         self._rng = np.random.default_rng(0)
-        self._planar = (0.0, 0.0, 0.0)  # x, y, heading of the robot
-        self._believed = self._planar  # the same by odometry
+        self._true_pose = (0.0, 0.0, 0.0)  # true x, y (metres), heading (radians)
+        self._odometry = self._true_pose  # x, y, heading by odometry
         self._collided = False
         self._step = 0
 
     @classmethod
-    def of_preset(cls, scene: Scene, preset: "Preset") -> "Simulator":
-        """With the camera of a preset: walks and test images are taken with the same one.
+    def from_preset(cls, scene: Scene, preset: "Preset") -> "Simulator":
+        """Create a simulator with the camera intrinsics and supersampling of a preset.
 
         Example:
             >>> from autonerf_lab.config import preset
             >>> from autonerf_lab.scenes import load_scene
-            >>> Simulator.of_preset(load_scene("train-00"), preset("smoke")).intrinsics.width
+            >>> Simulator.from_preset(load_scene("train-00"), preset("smoke")).intrinsics.width
             48
         """
-        return cls(scene, Intrinsics.from_fov(preset.width, preset.height), supersample=preset.supersample)
+        intrinsics = Intrinsics.from_fov(preset.width, preset.height, preset.hfov_deg)
+        return cls(scene, intrinsics, supersample=preset.supersample)
 
     @property
     def pose(self) -> np.ndarray:
-        """(4, 4) float64 true camera-to-world pose; ``Observation.pose`` is the one by odometry."""
-        return planar_pose(*self._planar)
+        """True camera-to-world pose, (4, 4) float64; ``Observation.pose`` is the pose by odometry."""
+        return planar_pose(*self._true_pose)
 
     def render(self, c2w: np.ndarray, rgb: bool = True) -> Frame:
-        """The image of the simulator's camera at any pose.
+        """Render image, depth and labels at any pose, without moving the robot.
 
         Args:
-            c2w: (4, 4) camera-to-world.
-            rgb: False leaves the colours black, and the texture of the scene unmade.
+            c2w: (4, 4) camera-to-world pose; need not be level.
+            rgb: Render colours; False leaves them black and does not compute the texture of the scene.
         """
         c2w = np.asarray(c2w, dtype=np.float64)
         w2c = np.linalg.inv(c2w)
@@ -147,19 +162,19 @@ class Simulator:
             g = self._gloss
             texture = self.scene.texture
             shade(
-                face, self._ground.triangles, self.scene.uv, texture, w2c, _camera(self._fine_intrinsics),
+                face, self._geometry.triangles, self.scene.uv, texture, w2c, _camera(self._fine_intrinsics),
                 g.strength, g.room, g.first, g.lamps, colors,
             )  # fmt: skip
         hit = self._inverse_depth > 0
         depth = np.divide(np.float32(1), self._inverse_depth, out=np.zeros(hit.shape, np.float32), where=hit)
-        return Frame(colors, depth, self._ground.classes[self._face], self._ground.instances[self._face])
+        return Frame(colors, depth, self._geometry.classes[self._face], self._geometry.instances[self._face])
 
     def _draw(
         self, c2w: np.ndarray, w2c: np.ndarray, camera: Intrinsics, inverse_depth: np.ndarray, face: np.ndarray
     ) -> None:
-        """Fill the inverse depth and the face of every pixel, by drawing or, in a large mesh, by casting."""
-        if len(self._ground.triangles) < CAST_FROM:
-            rasterize(self._ground.triangles, self._ground.chunks, w2c, _camera(camera), inverse_depth, face)
+        """Write inverse depth and face of every pixel, by rasterisation or, for a large mesh, by ray casting."""
+        if len(self._geometry.triangles) < CAST_FROM:
+            rasterize(self._geometry.triangles, self._geometry.chunks, w2c, _camera(camera), inverse_depth, face)
             return
         rays_o, rays_d = camera_rays(camera, c2w)
         hits = self.cast(rays_o.reshape(-1, 3), rays_d.reshape(-1, 3))
@@ -167,48 +182,54 @@ class Simulator:
         inverse_depth[:] = 1 / hits.t.reshape(face.shape)
 
     def cast(self, rays_o: np.ndarray, rays_d: np.ndarray) -> Hits:
-        """First hits of arbitrary rays, (N, 3) origins and directions of any length, world frame."""
-        return self._ground.caster.cast(rays_o, rays_d)
+        """Return the first hits of rays with (N, 3) origins (metres) and directions of any length, world frame."""
+        return self._geometry.caster.cast(rays_o, rays_d)
 
     def sample_pose(self, rng: np.random.Generator) -> np.ndarray:
-        """(4, 4) camera-to-world pose, uniform over navigable ground and heading."""
+        """Sample a (4, 4) camera-to-world pose, uniform over navigable floor and heading."""
         x, y = self.navigation.sample(rng)
         return planar_pose(x, y, rng.uniform(-np.pi, np.pi))
 
     def reset(self, seed: int | None = None, pose: np.ndarray | None = None) -> Observation:
-        """Start an episode.
+        """Start an episode and return its first observation.
 
         Args:
-            seed: of the start pose and of the noise.
-            pose: (4, 4) start; drawn from ``seed`` without.
+            seed: Random seed of start pose and noise; None uses entropy of the operating system.
+            pose: (4, 4) camera-to-world start pose; only position and heading are used. Default: sampled.
 
         Raises:
-            SceneError: the robot does not fit at ``pose``.
+            SceneError: The robot does not fit at ``pose``.
         """
         self._rng = np.random.default_rng(seed)
         x, y, heading = planar_from_pose(self.sample_pose(self._rng) if pose is None else np.asarray(pose))
         if not self.navigation.is_navigable(x, y):
             raise SceneError(
-                f"scene {self.scene.name!r}: the robot cannot stand at x = {x:.2f}, y = {y:.2f} m; start elsewhere,"
-                " for example at sim.sample_pose(rng)"
+                f"scene {self.scene.name!r}: the robot cannot stand at x = {x:.2f}, y = {y:.2f} m; pass another pose,"
+                " or none to sample a navigable one"
             )
-        self._planar = self._believed = (x, y, heading)
+        self._true_pose = self._odometry = (x, y, heading)
         self._collided = False
         self._step = 0
         return self.observe()
 
     def move(self, action: int) -> bool:
-        """Act without looking; returns whether the robot bumped into something.
+        """Execute an action without rendering.
+
+        Args:
+            action: 0 forward, 1 left, 2 right, see :class:`~autonerf_lab.types.Action`.
+
+        Returns:
+            True if the action was a forward motion that ended in a collision.
 
         Raises:
-            ValueError: not one of the three actions.
+            ValueError: ``action`` is not one of the three actions.
         """
         action = Action(action)
-        x, y, heading = self._planar
+        x, y, heading = self._true_pose
         forward, left, turn = self.noise.motion(action, self._rng)
         target_x, target_y, new_heading = compose(x, y, heading, (forward, left, turn))
         new_x, new_y = self.navigation.move(x, y, target_x - x, target_y - y)
-        self._planar = (new_x, new_y, new_heading)
+        self._true_pose = (new_x, new_y, new_heading)
         c, s = np.cos(heading), np.sin(heading)
         moved: Motion = (
             c * (new_x - x) + s * (new_y - y),
@@ -216,22 +237,23 @@ class Simulator:
             turn,
         )
         error = self.noise.odometry_error(action, self._rng)
-        self._believed = compose(*self._believed, (moved[0] + error[0], moved[1] + error[1], moved[2] + error[2]))
+        self._odometry = compose(*self._odometry, (moved[0] + error[0], moved[1] + error[1], moved[2] + error[2]))
         self._collided = action == Action.FORWARD and bool(np.hypot(*moved[:2]) < _COLLISION * forward)
         self._step += 1
         return self._collided
 
     def observe(self) -> Observation:
-        """What the robot sees now."""
+        """Return the observation at the current pose."""
         frame = self.render(self.pose, self.rgb)
-        pose = planar_pose(*self._believed)
+        pose = planar_pose(*self._odometry)
         return Observation(frame.rgb, frame.depth, frame.semantics, pose, self._collided, self._step)
 
     def step(self, action: int) -> Observation:
-        """Act, then look."""
+        """Execute an action and return the next observation; arguments and errors are those of :meth:`move`."""
         self.move(action)
         return self.observe()
 
 
 def _camera(intrinsics: Intrinsics) -> np.ndarray:
+    """Return fl_x, fl_y, cx, cy as an array for the kernels."""
     return np.array([intrinsics.fl_x, intrinsics.fl_y, intrinsics.cx, intrinsics.cy])

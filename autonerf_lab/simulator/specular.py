@@ -1,9 +1,9 @@
-"""Highlights: the light of lamps and windows that glossy surfaces throw towards the camera.
+"""View-dependent highlights of lamps and windows on glossy surfaces.
 
-The texture of a scene holds light that looks the same from everywhere. This is the part that does not: for each lamp of
-the room a Blinn-Phong lobe ``(n . h)^k``, ``h`` halfway between the directions to the camera and to the lamp, times the
-material's gloss and Schlick's Fresnel factor. Lamps of other rooms are left out, as walls hide them. It is added to the
-colours as they are displayed.
+The texture of a scene contains the diffuse light, which does not depend on the view. The highlights are a Blinn-Phong
+lobe ``(n . h)^k`` for each light source of the room, with ``h`` halfway between the directions to the camera and to the
+light, times the material's gloss and Schlick's Fresnel factor. Lights of other rooms are ignored because walls occlude
+them. Highlights are added to the displayed (sRGB) colours.
 """
 
 from dataclasses import dataclass
@@ -16,34 +16,38 @@ from autonerf_lab.scenes.scene import Scene
 
 LAMP_SHARPNESS, WINDOW_SHARPNESS = 90.0, 25.0  # exponents of the lobes
 LAMP_STRENGTH, WINDOW_STRENGTH = 0.32, 2.0
-F0 = 0.35  # of the gloss, seen at a right angle
+F0 = 0.35  # Fresnel factor at normal incidence, as a share of the gloss
 
 
 @dataclass(frozen=True)
 class Gloss:
-    """What the kernel needs: the highlights a face may show."""
+    """Gloss of F faces and L light sources of R rooms, as arrays for the kernel."""
 
-    strength: np.ndarray  # (F,) float32
-    room: np.ndarray  # (F,) int32, -1: none
-    first: np.ndarray  # (R + 1,) int32, lamps of room r are first[r] to first[r + 1]
-    lamps: np.ndarray  # (L, 7) float32: x, y, z, red, green, blue as displayed at strength 1, sharpness
-
-
-NONE = Gloss(np.empty(0, np.float32), np.empty(0, np.int32), np.zeros(1, np.int32), np.empty((0, 7), np.float32))
+    strength: np.ndarray  # (F,) float32 in [0, 1], specular share of each face
+    room: np.ndarray  # (F,) int32, room of each face, -1 = none
+    first: np.ndarray  # (R + 1,) int32, lights of room r are lamps[first[r] : first[r + 1]]
+    lamps: np.ndarray  # (L, 7) float32: x, y, z in metres; red, green, blue at strength 1, 0 to 255; lobe exponent
 
 
-def gloss_of(scene: Scene) -> Gloss:
-    """The highlights of a generated scene.
+NO_GLOSS = Gloss(np.empty(0, np.float32), np.empty(0, np.int32), np.zeros(1, np.int32), np.empty((0, 7), np.float32))
+
+
+def scene_gloss(scene: Scene) -> Gloss:
+    """Return the gloss and the light sources of a generated scene.
 
     Raises:
-        SceneError: the scene is a scan: nobody knows its materials and lamps.
+        SceneError: The scene has no materials and lights, such as an imported mesh.
     """
     if scene.gloss is None or scene.spec is None:
-        raise SceneError(f"scene {scene.name!r} has no materials and lamps to shine: render it without gloss")
+        raise SceneError(
+            f"scene {scene.name!r} has no materials and lights (only generated scenes have them); pass gloss=False"
+        )
     from shapely import contains_xy
     from shapely.geometry import Polygon
 
-    rooms = [Polygon(room["polygon"]).buffer(0.15) for room in scene.spec["rooms"]]  # windows stand in the wall
+    rooms = [
+        Polygon(room["polygon"]).buffer(0.15) for room in scene.spec["rooms"]
+    ]  # include the wall: window lights are inside it
     middle = scene.vertices[scene.faces].mean(axis=1)
     room = np.full(len(scene.faces), -1, np.int32)
     rows: list[list[float]] = []
@@ -66,7 +70,16 @@ def gloss_of(scene: Scene) -> Gloss:
 def highlight(
     point: np.ndarray, normal: np.ndarray, eye: np.ndarray, strength: float, lamps: np.ndarray, out: np.ndarray
 ) -> None:
-    """Add to ``out`` (3,) what the lamps of a room show at a point of a surface; the normal may look either way."""
+    """Add the highlights at a surface point to ``out``.
+
+    Args:
+        point: (3,) surface point, world frame, metres.
+        normal: (3,) unit normal of either sign.
+        eye: (3,) camera centre, world frame, metres.
+        strength: Gloss of the surface in [0, 1].
+        lamps: (L, 7) light sources of the room, see :class:`Gloss`.
+        out: (3,) red, green and blue, 0 to 255, changed in place.
+    """
     vx, vy, vz = eye[0] - point[0], eye[1] - point[1], eye[2] - point[2]
     away = np.sqrt(vx * vx + vy * vy + vz * vz)
     vx, vy, vz = vx / away, vy / away, vz / away

@@ -1,1 +1,1 @@
-"""Training of policies by PPO (Stable-Baselines3); needs the extra ``training``."""
+"""Training of policies by imitation and PPO (Stable-Baselines3); requires the extra ``training``."""

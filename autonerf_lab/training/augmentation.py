@@ -1,29 +1,29 @@
-"""Every episode in one of the eight symmetries of the square: an apartment and its mirror images make eight."""
+"""Data augmentation: each episode is transformed by a random symmetry of the square."""
 
 from typing import Any
 
 import gymnasium
 
-from autonerf_lab.policies.symmetry import Turn
+from autonerf_lab.policies.symmetry import SquareSymmetry
 
 
-class Symmetry(gymnasium.Wrapper):
-    """Turns what a :class:`~autonerf_lab.policies.interfaces.CompactView` shows, and its actions back.
+class SymmetryAugmentation(gymnasium.Wrapper):
+    """Wrapper that transforms compact observations by a symmetry and inverts it for the actions.
 
-    The symmetry is drawn from the episode's seed.
+    The symmetry is sampled at every reset from the environment's random numbers.
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
-        self.turn = Turn()
+        self.symmetry = SquareSymmetry()
 
     def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in another symmetry."""
-        seen, info = self.env.reset(**options)
-        self.turn = Turn.drawn(self.unwrapped.np_random)
-        return self.turn.seen(seen), info
+        """Begin an episode with a new symmetry."""
+        obs, info = self.env.reset(**options)
+        self.symmetry = SquareSymmetry.sample(self.unwrapped.np_random)
+        return self.symmetry.transform_observation(obs), info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Act in the turned frame."""
-        seen, reward, terminated, truncated, info = self.env.step(self.turn.back(int(action)))
-        return self.turn.seen(seen), float(reward), terminated, truncated, info
+        """Apply an action of the transformed frame."""
+        obs, reward, terminated, truncated, info = self.env.step(self.symmetry.invert_action(int(action)))
+        return self.symmetry.transform_observation(obs), float(reward), terminated, truncated, info

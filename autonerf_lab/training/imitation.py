@@ -1,11 +1,11 @@
-"""What a global policy learns before PPO: to choose as frontier exploration does.
+"""Imitation of frontier exploration, before PPO.
 
-A fresh network names places at random, and most of a million frames would go into finding out that one gets on by
-walking to where the known ends. A few minutes of watching ``frontier`` in the training apartments teach that, and how
-much reward is still to come; what the reward asks for beyond it is left to PPO.
+An untrained network chooses random waypoints, and PPO would need most of a million frames to learn that waypoints at
+the border of the explored area pay off. A few minutes of behaviour cloning of ``frontier`` in the training scenes teach
+this, and initialise the value estimate. PPO then optimises the reward.
 
-What was tried before is not shown: a pupil that sees it learns that its teacher mostly repeats himself, and repeats
-itself.
+The observations of the demonstrations do not contain previous waypoints. Frontier exploration mostly keeps its
+waypoint, so a network that saw them would learn to repeat its own.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,9 @@ from tqdm import tqdm
 
 from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.policies.frontier import Frontier
-from autonerf_lab.policies.interfaces import WINDOW_METRES, View, done
-from autonerf_lab.policies.symmetry import Turn
+from autonerf_lab.policies.interfaces import WINDOW_METRES, PolicyInterface, waypoint_finished
+from autonerf_lab.policies.spec import spec_of
+from autonerf_lab.policies.symmetry import SquareSymmetry
 from autonerf_lab.rewards import Reward
 from autonerf_lab.training.settings import PolicySettings
 
@@ -27,26 +28,29 @@ EPOCHS, BATCH, LR = 4, 64, 3e-3
 
 
 @dataclass(frozen=True)
-class Decisions:
-    """N moments at which a waypoint was due."""
+class Demonstrations:
+    """N decisions of the teacher."""
 
-    seen: dict[str, np.ndarray]  # of the view, each (N, ...)
-    actions: np.ndarray  # (N, ...) that of the view which leads nearest to the teacher's waypoint
-    returns: np.ndarray  # (N,) float32, discounted sum of the scaled rewards that followed
+    observations: dict[str, np.ndarray]  # of the policy interface, each (N, ...)
+    actions: np.ndarray  # (N, ...), action of the policy interface nearest to the teacher's waypoint
+    returns: np.ndarray  # (N,) float32, discounted sum of the scaled rewards after the decision
+    symmetric: bool = False  # observations and actions can be transformed by the symmetries of the square
 
     def __len__(self) -> int:
         return len(self.returns)
 
 
-def demonstrate(view: View, settings: PolicySettings, reward: str | Reward, progress: bool = False) -> Decisions:
-    """Watch frontier exploration for ``settings.demonstrations`` episodes.
+def demonstrate(
+    interface: PolicyInterface, settings: PolicySettings, reward: str | Reward, progress: bool = False
+) -> Demonstrations:
+    """Record ``settings.demonstrations`` episodes of frontier exploration.
 
     Example:
-        >>> from autonerf_lab.policies.interfaces import CompactView
+        >>> from autonerf_lab.policies.interfaces import CompactInterface
         >>> from autonerf_lab.training.settings import settings_of
         >>> short = settings_of("modular-cov", demonstrations=1, episode=4, sensor=16)
-        >>> decisions = demonstrate(CompactView(), short, "cov")
-        >>> decisions.seen["map"].shape[1:], len(decisions) == len(decisions.actions)
+        >>> decisions = demonstrate(CompactInterface(), short, "cov")
+        >>> decisions.observations["map"].shape[1:], len(decisions) == len(decisions.actions)
         ((19, 32, 32), True)
     """
     env = ExploreEnv(
@@ -54,57 +58,60 @@ def demonstrate(view: View, settings: PolicySettings, reward: str | Reward, prog
         reward=reward,
         size=settings.sensor,
         rgb=False,
-        max_steps=settings.episode * view.follow,
-        window=round(WINDOW_METRES / view.cell),
+        max_steps=settings.episode * interface.follow,
+        window=round(WINDOW_METRES / interface.cell),
     )
-    seen: list[dict[str, Any]] = []
+    observations: list[dict[str, Any]] = []
     actions, returns = [], []  # of all episodes
-    for episode in tqdm(range(settings.demonstrations), "watch frontier", unit="episode", disable=not progress):
+    for episode in tqdm(range(settings.demonstrations), "demonstrate", unit="episode", disable=not progress):
         seed = int(np.random.SeedSequence([settings.seed, episode, 71]).generate_state(1)[0])
         env.reset(seed=seed)
         teacher = Frontier()
         teacher.reset(np.random.default_rng(seed))
         rewards: list[float] = []
-        lasted: list[float] = []  # in decisions of full length
-        chosen: list[int] = []  # at which of the decisions the teacher had a waypoint
+        durations: list[float] = []  # in decisions of maximum duration
+        chosen: list[int] = []  # indices of the decisions with a waypoint
         over = False
         while not over:
-            view.reset()
-            shown = view.see(env.map)
+            interface.reset()
+            obs = interface.observe(env.map)
             action = teacher.act(env.map, env.observation)
             waypoint = teacher.waypoint
-            choice = None if waypoint is None else view.action(waypoint, env.map)
+            choice = None if waypoint is None else interface.to_action(waypoint, env.map)
             rewards.append(0.0)
             steps = 0
-            while not (over or done(view, waypoint, env.map, steps)):
+            while not (over or waypoint_finished(interface, waypoint, env.map, steps)):
                 if steps:
                     action = teacher.act(env.map, env.observation)
-                _, gained, _, over, _ = env.step(np.int64(action))
-                rewards[-1] += gained * settings.scale
+                _, value, _, over, _ = env.step(np.int64(action))
+                rewards[-1] += value * settings.scale
                 steps += 1
-            lasted.append(steps / view.follow)
+            durations.append(steps / interface.follow)
             if choice is not None:
                 chosen.append(len(rewards) - 1)
-                seen.append(shown)
+                observations.append(obs)
                 actions.append(choice)
-        following = np.append(rewards, 0.0)
+        sums = np.append(rewards, 0.0)
         for k in reversed(range(len(rewards))):
-            following[k] += settings.gamma ** lasted[k] * following[k + 1]
-        returns += [following[k] for k in chosen]
-    stacked = {name: np.stack([one[name] for one in seen]) for name in seen[0]}
-    return Decisions(stacked, np.array(actions), np.array(returns, np.float32))
+            sums[k] += settings.gamma ** durations[k] * sums[k + 1]
+        returns += [sums[k] for k in chosen]
+    stacked = {name: np.stack([obs[name] for obs in observations]) for name in observations[0]}
+    symmetric = spec_of(settings.network).symmetric
+    return Demonstrations(stacked, np.array(actions), np.array(returns, np.float32), symmetric)
 
 
-def imitate(network: nn.Module, decisions: Decisions, settings: PolicySettings, progress: bool = False) -> None:
-    """Train a network's choices and values on decisions: log-likelihood, and squared error of the returns."""
+def imitate(
+    network: nn.Module, demonstrations: Demonstrations, settings: PolicySettings, progress: bool = False
+) -> None:
+    """Train a network by behaviour cloning: log-likelihood of the actions, squared error of the values."""
     rng = np.random.default_rng([settings.seed, 72])
-    steps = max(1, EPOCHS * len(decisions) // BATCH)
+    steps = max(1, EPOCHS * len(demonstrations) // BATCH)
     optimizer = torch.optim.Adam(network.parameters(), lr=LR)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, LR, total_steps=steps + 1)
     for _ in tqdm(range(steps), "imitate", unit="step", disable=not progress):
-        seen, actions, returns = _batch(decisions, rng)
-        chances, value = network(seen)
-        loss = settings.value * ((value - returns) ** 2).mean() - chances.log_prob(actions).mean()
+        obs, actions, returns = _batch(demonstrations, rng)
+        distribution, value = network(obs)
+        loss = settings.value * ((value - returns) ** 2).mean() - distribution.log_prob(actions).mean()
         optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), settings.max_grad_norm)
@@ -112,13 +119,13 @@ def imitate(network: nn.Module, decisions: Decisions, settings: PolicySettings, 
         schedule.step()
 
 
-def _batch(decisions: Decisions, rng: np.random.Generator) -> tuple[dict[str, Tensor], Tensor, Tensor]:
-    """Some decisions, all in one of the symmetries of the square where the view has them."""
-    drawn = rng.integers(len(decisions), size=BATCH)
-    seen = {name: values[drawn] for name, values in decisions.seen.items()}
-    actions = decisions.actions[drawn]
-    if "reach" in seen:
-        turn = Turn.drawn(rng)
-        seen, actions = turn.seen(seen), turn.action(actions)
-    tensors = {name: torch.from_numpy(values) for name, values in seen.items()}
-    return tensors, torch.from_numpy(actions), torch.from_numpy(decisions.returns[drawn])
+def _batch(demonstrations: Demonstrations, rng: np.random.Generator) -> tuple[dict[str, Tensor], Tensor, Tensor]:
+    """Sample a batch of decisions, transformed by one random symmetry if the interface allows it."""
+    rows = rng.integers(len(demonstrations), size=BATCH)
+    obs = {name: values[rows] for name, values in demonstrations.observations.items()}
+    actions = demonstrations.actions[rows]
+    if demonstrations.symmetric:
+        symmetry = SquareSymmetry.sample(rng)
+        obs, actions = symmetry.transform_observation(obs), symmetry.transform_action(actions)
+    tensors = {name: torch.from_numpy(values) for name, values in obs.items()}
+    return tensors, torch.from_numpy(actions), torch.from_numpy(demonstrations.returns[rows])

@@ -1,4 +1,4 @@
-"""PPO of Stable-Baselines3 around the project's networks, in pieces that can be stopped and go on exactly."""
+"""PPO of Stable-Baselines3 with the networks of :mod:`autonerf_lab.policies.networks`, and its training state."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,18 +16,18 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
-from autonerf_lab.policies.networks import RECURRENT
+from autonerf_lab.policies.spec import spec_of
 from autonerf_lab.training.settings import PolicySettings
 from autonerf_lab.training.worker_pool import WorkerPool
 
 
-class _Networked(BasePolicy):
-    """A policy that is a network of this project, with Adam.
+class _NetworkBase(BasePolicy):
+    """Stable-Baselines3 policy with a given network and Adam.
 
     Args:
-        observation_space: of the view.
-        action_space: of the view.
-        lr_schedule: of the remaining share of the training.
+        observation_space: observation space of the policy interface.
+        action_space: action space of the policy interface.
+        lr_schedule: learning rate as a function of the remaining share of the training.
         network: makes the network.
     """
 
@@ -39,40 +39,41 @@ class _Networked(BasePolicy):
         network: Callable[[], torch.nn.Module],
         use_sde: bool = False,
     ) -> None:
-        BasePolicy.__init__(self, observation_space, action_space)  # that of an actor-critic would make other networks
-        # Channels last: gradients of convolutions in half the time. (torch's annotations do not know the keyword.)
+        # BasePolicy, because the constructor of ActorCriticPolicy would make its own networks.
+        BasePolicy.__init__(self, observation_space, action_space)
+        # Channels-last memory halves the time of convolution gradients.
         self.network: torch.nn.Module = network().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=lr_schedule(1), eps=1e-5)
 
 
-class NetworkPolicy(_Networked):
-    """What PPO asks of a policy, answered by a network that returns a distribution and a value."""
+class NetworkPolicy(_NetworkBase):
+    """Policy for PPO, whose network returns a distribution and a value."""
 
     def forward(self, obs: Any, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
-        """Actions, values, log-probabilities."""
-        chances, value = self.network(obs)
-        actions = chances.mode if deterministic else chances.sample()
-        return actions, value[:, None], chances.log_prob(actions)
+        """Return actions, values and log-probabilities."""
+        distribution, value = self.network(obs)
+        actions = distribution.mode if deterministic else distribution.sample()
+        return actions, value[:, None], distribution.log_prob(actions)
 
     def evaluate_actions(self, obs: Any, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Values, log-probabilities, entropies."""
-        chances, value = self.network(obs)
-        return value[:, None], chances.log_prob(actions), chances.entropy()
+        """Return values, log-probabilities and entropies."""
+        distribution, value = self.network(obs)
+        return value[:, None], distribution.log_prob(actions), distribution.entropy()
 
     def predict_values(self, obs: Any) -> Tensor:
-        """Values, (B, 1)."""
+        """Return the values, (B, 1)."""
         return self.network(obs)[1][:, None]
 
     def _predict(self, observation: Any, deterministic: bool = False) -> Tensor:
         return self.forward(observation, deterministic)[0]
 
 
-class RecurrentNetworkPolicy(_Networked, RecurrentActorCriticPolicy):
-    """What recurrent PPO asks of a policy: as :class:`NetworkPolicy`, with a memory that actor and critic share."""
+class RecurrentNetworkPolicy(_NetworkBase, RecurrentActorCriticPolicy):
+    """Policy for recurrent PPO, whose actor and critic share one recurrent state."""
 
     @property
     def lstm_actor(self) -> torch.nn.LSTM:  # type: ignore[override]
-        """Whose shape the memory has."""
+        """LSTM that defines the shape of the recurrent state."""
         lstm = self.network.lstm
         assert isinstance(lstm, torch.nn.LSTM)
         return lstm
@@ -80,56 +81,57 @@ class RecurrentNetworkPolicy(_Networked, RecurrentActorCriticPolicy):
     def forward(  # type: ignore[override]
         self, obs: Any, lstm_states: RNNStates, episode_starts: Tensor, deterministic: bool = False
     ) -> Any:
-        """Actions, values, log-probabilities, memory."""
-        chances, value, memory = self.network(obs, lstm_states.pi, episode_starts)
-        actions = chances.mode if deterministic else chances.sample()
-        return actions, value[:, None], chances.log_prob(actions), RNNStates(memory, memory)
+        """Return actions, values, log-probabilities and the recurrent state."""
+        distribution, value, memory = self.network(obs, lstm_states.pi, episode_starts)
+        actions = distribution.mode if deterministic else distribution.sample()
+        return actions, value[:, None], distribution.log_prob(actions), RNNStates(memory, memory)
 
     def evaluate_actions(  # type: ignore[override]
         self, obs: Any, actions: Tensor, lstm_states: RNNStates, episode_starts: Tensor
     ) -> Any:
-        """Values, log-probabilities, entropies."""
-        chances, value, _ = self.network(obs, lstm_states.pi, episode_starts)
-        return value[:, None], chances.log_prob(actions), chances.entropy()
+        """Return values, log-probabilities and entropies."""
+        distribution, value, _ = self.network(obs, lstm_states.pi, episode_starts)
+        return value[:, None], distribution.log_prob(actions), distribution.entropy()
 
     def predict_values(  # type: ignore[override]
         self, obs: Any, lstm_states: tuple[Tensor, ...], episode_starts: Tensor
     ) -> Tensor:
-        """Values, (B, 1)."""
+        """Return the values, (B, 1)."""
         value: Tensor = self.network(obs, lstm_states, episode_starts)[1]
         return value[:, None]
 
 
 class TimedBuffer(DictRolloutBuffer):
-    """A rollout of decisions that take different times: what follows one is discounted by gamma ** duration.
+    """Rollout buffer for decisions of different durations: the next value is discounted by gamma ** duration.
 
-    Advantages are those of Schulman et al. 2016, equation 16, for a semi-Markov process (Sutton et al. 1999).
+    Generalised advantage estimation (Schulman et al. 2016, equation 16) for a semi-Markov decision process (Sutton et
+    al. 1999).
     """
 
-    durations: np.ndarray  # (rollout, environments), in decisions of full length; set while it fills
+    durations: np.ndarray  # (rollout, environments), in decisions of maximum duration; filled during the rollout
 
     def reset(self) -> None:
-        """Begin a rollout."""
+        """Clear the buffer for a new rollout."""
         super().reset()
         self.durations = np.ones((self.buffer_size, self.n_envs), np.float32)
 
     def compute_returns_and_advantage(self, last_values: Tensor, dones: np.ndarray) -> None:
-        """Advantages, and returns as their sums with the values; ``last_values`` are those after the last decision."""
+        """Compute advantages, and returns as advantage plus value; ``last_values`` follow the last decision."""
         values = np.concatenate([self.values, last_values.numpy(force=True).reshape(1, -1)])
-        goes_on = 1 - np.concatenate([self.episode_starts[1:], dones[None]]).astype(np.float32)
-        discount = self.gamma**self.durations * goes_on
-        following = np.zeros(self.n_envs, np.float32)
+        continues = 1 - np.concatenate([self.episode_starts[1:], dones[None]]).astype(np.float32)
+        discount = self.gamma**self.durations * continues
+        advantage = np.zeros(self.n_envs, np.float32)
         for k in reversed(range(self.buffer_size)):
-            surprise = self.rewards[k] + discount[k] * values[k + 1] - values[k]
-            following = surprise + discount[k] * self.gae_lambda * following
-            self.advantages[k] = following
+            prediction_error = self.rewards[k] + discount[k] * values[k + 1] - values[k]
+            advantage = prediction_error + discount[k] * self.gae_lambda * advantage
+            self.advantages[k] = advantage
         self.returns = self.advantages + self.values
 
 
 def make_ppo(
     pool: WorkerPool, network: Callable[[], torch.nn.Module], settings: PolicySettings, log: Path | None
 ) -> PPO | RecurrentPPO:
-    """PPO with these settings, recurrent for a network with a memory; ``log`` is the folder of TensorBoard."""
+    """Make PPO, or recurrent PPO for a recurrent network; ``log`` is the folder of the TensorBoard logs."""
     options: dict[str, Any] = {
         "learning_rate": lambda remaining: settings.lr * remaining,
         "n_steps": settings.rollout,
@@ -147,39 +149,39 @@ def make_ppo(
         "seed": settings.seed,
         "device": "cpu",
     }
-    if settings.network["kind"] in RECURRENT:
+    if spec_of(settings.network).recurrent:
         return RecurrentPPO(RecurrentNetworkPolicy, pool, **options)
     return PPO(NetworkPolicy, pool, rollout_buffer_class=TimedBuffer, **options)  # type: ignore[arg-type]
 
 
 def network_of(ppo: PPO | RecurrentPPO) -> torch.nn.Module:
-    """The network that is trained."""
-    assert isinstance(ppo.policy, _Networked)
+    """Return the network that is trained."""
+    assert isinstance(ppo.policy, _NetworkBase)
     return ppo.policy.network
 
 
-def numbers(ppo: PPO | RecurrentPPO) -> dict[str, np.ndarray]:
-    """Parameters of the network, and what Adam remembers of each."""
+def training_state(ppo: PPO | RecurrentPPO) -> dict[str, np.ndarray]:
+    """Return the parameters of the network and the state of Adam, as arrays."""
     network, optimizer = network_of(ppo), ppo.policy.optimizer
-    found = {f"parameter/{name}": value.detach() for name, value in network.named_parameters()}
+    state = {f"parameter/{name}": value.detach() for name, value in network.named_parameters()}
     for name, value in network.named_parameters():
-        state = optimizer.state.get(value, {})
-        found |= {f"adam/{name}/{key}": torch.as_tensor(kept) for key, kept in state.items()}
-    return {name: value.numpy().copy() for name, value in found.items()}
+        moments = optimizer.state.get(value, {})
+        state |= {f"adam/{name}/{key}": torch.as_tensor(moment) for key, moment in moments.items()}
+    return {name: value.numpy().copy() for name, value in state.items()}
 
 
-def restore(ppo: PPO | RecurrentPPO, arrays: dict[str, np.ndarray]) -> None:
-    """Undo :func:`numbers`.
+def load_training_state(ppo: PPO | RecurrentPPO, arrays: dict[str, np.ndarray]) -> None:
+    """Load a state of :func:`training_state`.
 
     Raises:
-        KeyError: a number is missing.
+        KeyError: an array is missing.
     """
     network, optimizer = network_of(ppo), ppo.policy.optimizer
-    begun = any(name.startswith("adam/") for name in arrays)  # after imitation PPO has not
+    has_moments = any(name.startswith("adam/") for name in arrays)  # False after imitation, before PPO
     with torch.no_grad():
         for name, value in network.named_parameters():
             value.copy_(torch.from_numpy(arrays[f"parameter/{name}"]))
-            if begun:
+            if has_moments:
                 optimizer.state[value] = {
                     key: torch.from_numpy(arrays[f"adam/{name}/{key}"]) for key in ("step", "exp_avg", "exp_avg_sq")
                 }

@@ -1,120 +1,72 @@
-"""What is learned, and how."""
+"""Settings of policy training, with defaults for each policy."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.policies.spec import SPECS, spec_of
 
-# Rewards come in units of their own; ``scale`` brings a good episode's sum to about ten.
-_MODULAR: dict[str, dict[str, Any]] = {
-    # All area is found in 500 steps, so that is what it trains on; and twelve steps lead past a quarter of a room.
-    "cov": {
-        "scale": 0.1,
-        "demonstrations": 200,
-        "episode": 80,
-        "rollout": 80,
-        "gamma": 0.99,
-        "network": {"kind": "compact", "follow": 6},
-    },
-    "obs": {"scale": 0.4},
-    "sem": {"scale": 0.4},
-    "view": {"scale": 0.02},
-}
-_END_TO_END: dict[str, dict[str, Any]] = {
-    "cov": {"scale": 0.1, "episode": 512},
-    "cur": {"scale": 0.3},
-    "nov": {"scale": 0.03, "episode": 512},
-    "rec": {"scale": 5.0},
-}
-# Ramakrishnan et al. 2021, appendix, where two cores allow it.
-_OF_END_TO_END: dict[str, Any] = {
-    "frames": 500_000,
-    "demonstrations": 0,
-    "environments": 8,
-    "rollout": 256,
-    "batch": 1024,
-    "lr": 5e-4,
-    "gamma": 0.99,
-    "entropy": 0.01,
-    "target_kl": None,
-    "episode": 1024,  # who has trained on shorter ones walks in circles where all around is known
-    "sensor": 84,
-    "network": {"kind": "egocentric"},
-}
-POINTGOAL = "pointgoal"  # the policy that goes to a place
-# As the PointGoal agents of Habitat (Savva et al. 2019), after learning the way.
-_OF_POINTGOAL: dict[str, Any] = {
-    "frames": 2_000_000,
-    "demonstrations": 10_000,
-    "rollout": 128,
-    "batch": 1024,
-    "lr": 2.5e-4,
-    "gamma": 0.99,
-    "entropy": 0.01,
-    "episode": 500,
-    "network": {"kind": "goal"},
-}
+POINTGOAL = "pointgoal"  # name of the PointGoal policy
 
 
 @dataclass(frozen=True)
 class PolicySettings:
-    """A run of PPO. A decision is a waypoint or an action."""
+    """Settings of a training by PPO. A decision is a waypoint or a single action."""
 
-    frames: int = 1_500_000  # actions of the robots, at most: a waypoint that is reached early takes fewer
+    frames: int = 1_500_000  # robot actions, rounded up to whole rollouts in which every decision takes its maximum
     seed: int = 0
-    demonstrations: int = 80  # episodes with a teacher before PPO: frontier exploration, or who knows the shortest way
-    environments: int = 16  # divided among the workers
-    episode: int = 100  # decisions
-    rollout: int = 100  # decisions of every environment between two updates: whole episodes, or all see the same phase
+    demonstrations: int = 80  # episodes of the teacher before PPO
+    environments: int = 16  # divided among the worker processes
+    episode: int = 100  # decisions per episode
+    rollout: int = 100  # decisions of each environment per update; whole episodes, so that updates see all their phases
     epochs: int = 4
     batch: int = 200
-    lr: float = 3e-4  # falls linearly to zero
-    gamma: float = 0.98  # a decision of full length
+    lr: float = 3e-4  # decreases linearly to zero
+    gamma: float = 0.98  # discount of a decision of maximum duration
     gae: float = 0.95
     clip: float = 0.2
     entropy: float = 0.001
     value: float = 0.5
-    target_kl: float | None = 0.02  # epochs end early when the policy has moved so far
+    target_kl: float | None = 0.02  # an update ends early at this approximate KL divergence
     max_grad_norm: float = 0.5
-    scale: float = 1.0  # of the reward
-    sensor: int = 64  # pixels a side
-    scenes: tuple[str, ...] = ()  # names; the training apartments without
-    network: dict[str, Any] = field(default_factory=lambda: {"kind": "compact"})
+    scale: float = 1.0  # factor of the reward
+    sensor: int = 64  # pixels a side of the robot's images
+    scenes: tuple[str, ...] = ()  # names; empty for the training scenes
+    network: dict[str, Any] = field(default_factory=lambda: {"kind": "compact"})  # see autonerf_lab.policies.spec
 
     def __post_init__(self) -> None:
-        if self.demonstrations and self.network["kind"] == "egocentric":
-            raise ValueError("demonstrations are waypoints, which an end-to-end policy does not choose; set them to 0")
+        spec = spec_of(self.network)
+        if self.demonstrations and spec.teacher is None:
+            raise ValueError(f"{spec.name} policies have no teacher for demonstrations; set demonstrations to 0")
 
 
-def settings_of(policy: str, **chosen: Any) -> PolicySettings:
-    """The settings of a policy by its name, ``modular-<reward>``, ``e2e-<reward>`` or ``pointgoal``.
-
-    A reward of your own is welcome.
+def settings_of(policy: str, **overrides: Any) -> PolicySettings:
+    """Return the default settings of a policy.
 
     Args:
-        policy: its name.
-        chosen: settings that replace them.
+        policy: ``modular-<reward>``, ``e2e-<reward>`` or ``pointgoal``; the reward may be your own.
+        overrides: settings that replace the defaults.
 
     Raises:
-        UnknownNameError: not the name of a policy that is trained.
+        UnknownNameError: not the name of a policy that can be trained; lists the valid names.
 
     Example:
         >>> settings_of("modular-cov", frames=1000).scale
         0.1
     """
-    if policy == POINTGOAL:
-        return PolicySettings(**{**_OF_POINTGOAL, **chosen})
-    kind, _, reward = policy.partition("-")
-    if kind not in ("modular", "e2e") or not reward:
-        names = [f"modular-{name}" for name in _MODULAR] + [f"e2e-{name}" for name in _END_TO_END]
-        raise UnknownNameError("policy to train", policy, [*names, POINTGOAL])
-    own = _MODULAR.get(reward, {}) if kind == "modular" else _OF_END_TO_END | _END_TO_END.get(reward, {})
-    return PolicySettings(**{**own, **chosen})
+    family, _, reward = policy.partition("-")
+    for spec in SPECS.values():
+        if spec.name == family and bool(reward) == (spec.rewards is not None):
+            own = (spec.rewards or {}).get(reward, {})
+            return PolicySettings(**{**spec.settings, **own, **overrides})
+    specs = {spec.name: spec for spec in SPECS.values()}
+    names = [f"{name}-{reward}" for name, spec in specs.items() for reward in spec.rewards or ()]
+    raise UnknownNameError("policy to train", policy, [*names, POINTGOAL])
 
 
 def command_of(policy: str, settings: PolicySettings, start: str | Path | None = None) -> str | None:
-    """The command line that trains it; None where the settings are others than a command can name.
+    """Return the command line of a training; None if it has settings without a command-line option.
 
     Example:
         >>> command_of("modular-obs", settings_of("modular-obs", seed=3))

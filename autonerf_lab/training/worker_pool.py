@@ -1,7 +1,7 @@
-"""Environments in worker processes, several in each, as one vector environment of Stable-Baselines3.
+"""Vector environment for Stable-Baselines3: several environments in each of several worker processes.
 
-Episode ``k`` of environment ``i`` is seeded by the run's seed, ``i`` and ``k``, and by nothing else: at the boundary of
-an episode the state of an environment is one number.
+The seed of episode ``k`` of environment ``i`` depends only on the seed of the training, ``i`` and ``k``. Between two
+episodes, ``k`` is therefore the only state of an environment.
 """
 
 import multiprocessing
@@ -20,16 +20,16 @@ MakeEnv = Callable[[], gymnasium.Env]
 
 
 class WorkerPool(VecEnv):
-    """``environments`` copies of an environment, divided among ``workers`` processes.
+    """Copies of an environment, divided among worker processes.
 
     Args:
-        make: makes one; it may be defined in a notebook.
-        environments: how many.
-        workers: processes.
-        seed: of all episodes.
+        make: makes one environment; it may be defined in a notebook.
+        environments: number of environments.
+        workers: number of worker processes.
+        seed: random seed of all episodes.
 
     Raises:
-        TrainingError: a worker raised or died; from any method.
+        TrainingError: from any method, if a worker raised an exception or died.
     """
 
     def __init__(self, make: MakeEnv, environments: int, workers: int, seed: int = 0) -> None:
@@ -40,51 +40,50 @@ class WorkerPool(VecEnv):
         for share in self._shares:
             here, there = context.Pipe()
             arguments = (there, CloudpickleWrapper(make), [int(i) for i in share], seed)
-            process = context.Process(target=_work, args=arguments, daemon=True)
+            process = context.Process(target=_run_worker, args=arguments, daemon=True)
             process.start()
             there.close()
             self._pipes.append(here)
             self._processes.append(process)
         self._send([("spaces",)] * len(self._pipes))
         super().__init__(environments, *self._receive()[0])
-        self.begin(0)
+        self.set_episode(0)
 
-    def begin(self, episode: int) -> None:
-        """The next :meth:`reset` begins this episode in every environment."""
-        self.call("begin", episode)
+    def set_episode(self, episode: int) -> None:
+        """Set the number of the episode that the next :meth:`reset` begins."""
+        self.call("set_episode", episode)
 
     def call(self, name: str, *arguments: Any) -> list[Any]:
-        """Call a function of the workers; one answer each."""
+        """Call a method of :class:`_Worker` in every process; return one result per process."""
         self._send([(name, *arguments)] * len(self._pipes))
         return self._receive()
 
     def reset(self) -> Any:
-        """Begin an episode in every environment."""
-        answers = [seen for part in self.call("reset") for seen in part]
-        return self._stacked(answers)
+        """Begin an episode in every environment and return the stacked observations."""
+        return self._stacked([obs for part in self.call("reset") for obs in part])
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Act."""
+        """Send the actions to the workers."""
         self._send([("step", actions[share]) for share in self._shares])
 
     def step_wait(self) -> Any:
-        """Observations, rewards, ends, infos; an episode that is over has begun again."""
+        """Return observations, rewards, ends and infos; environments whose episode ended are already reset."""
         answers = [answer for part in self._receive() for answer in part]
-        seen, rewards, ends, infos = zip(*answers, strict=True)
-        return self._stacked(seen), np.array(rewards, np.float32), np.array(ends), list(infos)
+        observations, rewards, ends, infos = zip(*answers, strict=True)
+        return self._stacked(observations), np.array(rewards, np.float32), np.array(ends), list(infos)
 
     def close(self) -> None:
-        """End the workers."""
+        """Stop the worker processes."""
         for pipe, process in zip(self._pipes, self._processes, strict=True):
-            pipe.close()  # a worker that reads the end of its pipe ends
+            pipe.close()  # a worker stops at the end of its pipe
             process.join(timeout=5)
             if process.is_alive():
                 process.terminate()
 
-    def _stacked(self, seen: Sequence[Any]) -> Any:
+    def _stacked(self, observations: Sequence[Any]) -> Any:
         if isinstance(self.observation_space, gymnasium.spaces.Dict):
-            return {name: np.stack([one[name] for one in seen]) for name in self.observation_space}
-        return np.stack(seen)
+            return {name: np.stack([obs[name] for obs in observations]) for name in self.observation_space}
+        return np.stack(observations)
 
     def _send(self, messages: Sequence[tuple[Any, ...]]) -> None:
         for number, (pipe, message) in enumerate(zip(self._pipes, messages, strict=True)):
@@ -97,10 +96,10 @@ class WorkerPool(VecEnv):
         answers = []
         for number, pipe in enumerate(self._pipes):
             try:
-                fine, answer = pipe.recv()
+                succeeded, answer = pipe.recv()
             except (EOFError, OSError) as error:
                 raise self._died(number) from error
-            if not fine:
+            if not succeeded:
                 raise TrainingError(f"worker {number}: {answer}")
             answers.append(answer)
         return answers
@@ -109,31 +108,31 @@ class WorkerPool(VecEnv):
         process = self._processes[number]
         process.join(timeout=5)
         return TrainingError(
-            f"worker {number} (process {process.pid}) died with exit code {process.exitcode}; the same command goes on "
-            "from the last checkpoint; out of memory? then with fewer --workers"
+            f"worker {number} (process {process.pid}) died with exit code {process.exitcode}; train again to resume "
+            "from the last checkpoint, with fewer workers if the memory was exhausted"
         )
 
-    # What Stable-Baselines3 asks of a vector environment, and training does not use.
+    # Abstract methods of Stable-Baselines3 that training does not use.
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Only the render mode, which Stable-Baselines3 asks for."""
+        """Return None for every environment; Stable-Baselines3 asks for the render mode."""
         return [None] * self.num_envs
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Not supported."""
+        """Raise NotImplementedError."""
         raise NotImplementedError
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Not supported."""
+        """Raise NotImplementedError."""
         raise NotImplementedError
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """None is."""
+        """Return False for every environment."""
         return [False] * self.num_envs
 
 
-class _Share:
-    """The environments of one worker; its methods are what the pool can call."""
+class _Worker:
+    """Environments of one process; the pool calls its public methods by name."""
 
     def __init__(self, make: MakeEnv, indices: list[int], seed: int) -> None:
         self.envs: dict[int, Any] = {index: make() for index in indices}
@@ -142,24 +141,28 @@ class _Share:
         self.episodes = dict.fromkeys(indices, 0)
 
     def spaces(self) -> tuple[Any, Any]:
+        """Return the observation space and the action space."""
         env = next(iter(self.envs.values()))
         return env.observation_space, env.action_space
 
-    def begin(self, episode: int) -> None:
+    def set_episode(self, episode: int) -> None:
+        """Set the number of the next episode of every environment."""
         self.episodes = dict.fromkeys(self.episodes, episode)
 
     def reset(self) -> list[Any]:
+        """Begin an episode in every environment; return the observations."""
         return [self._reset(index) for index in self.envs]
 
     def step(self, actions: np.ndarray) -> list[Any]:
+        """Apply one action in every environment."""
         return [self._step(index, action) for index, action in zip(self.envs, actions, strict=True)]
 
-    def collect(self) -> list[dict[str, np.ndarray]]:
-        """What the rewards of the environments have seen."""
+    def collect_samples(self) -> list[dict[str, np.ndarray]]:
+        """Collect the samples of the learned rewards."""
         return [env.unwrapped.reward.collect() for env in self.envs.values()]
 
-    def teach(self, state: dict[str, np.ndarray]) -> None:
-        """What one of them has learned from it."""
+    def load_reward_state(self, state: dict[str, np.ndarray]) -> None:
+        """Load a state into the learned rewards."""
         for env in self.envs.values():
             env.unwrapped.reward.load_state_dict(state)
 
@@ -169,30 +172,30 @@ class _Share:
         return self.envs[index].reset(seed=int(np.random.SeedSequence(words).generate_state(1)[0]))[0]
 
     def _step(self, index: int, action: Any) -> tuple[Any, float, bool, dict[str, Any]]:
-        seen, value, terminated, truncated, info = self.envs[index].step(action)
+        obs, value, terminated, truncated, info = self.envs[index].step(action)
         reward = float(value)
         if not np.isfinite(reward):
             raise TrainingError(f"the reward is {reward} in scene {info.get('scene')!r}")
         if terminated or truncated:
-            info["terminal_observation"] = seen
+            info["terminal_observation"] = obs
             info["TimeLimit.truncated"] = truncated and not terminated
-            seen = self._reset(index)
-        return seen, reward, terminated or truncated, info
+            obs = self._reset(index)
+        return obs, reward, terminated or truncated, info
 
 
-def _work(pipe: Connection, make: CloudpickleWrapper, indices: list[int], seed: int) -> None:
-    """Answer until the pool closes the pipe."""
-    torch.set_num_threads(1)  # rewards that learn use it; there are as many workers as cores
-    share: _Share | None = None
+def _run_worker(pipe: Connection, make: CloudpickleWrapper, indices: list[int], seed: int) -> None:
+    """Execute calls of the pool until it closes the pipe."""
+    torch.set_num_threads(1)  # learned rewards use torch, and there is one worker per core
+    worker: _Worker | None = None
     while True:
         try:
             name, *arguments = pipe.recv()
         except (EOFError, OSError, KeyboardInterrupt):
             return
         try:
-            share = share or _Share(make.var, indices, seed)
-            pipe.send((True, getattr(share, name)(*arguments)))
+            worker = worker or _Worker(make.var, indices, seed)
+            pipe.send((True, getattr(worker, name)(*arguments)))
         except KeyboardInterrupt:
             return
-        except Exception as error:  # whatever a reward or a scene raises; the pool tells it
+        except Exception as error:  # any error of a reward or a scene; the pool raises it again
             pipe.send((False, f"{type(error).__name__}: {error}"))

@@ -1,1 +1,1 @@
-"""Storage, machine resources, optional packages and plug-ins."""
+"""File storage, machine resources, optional packages and plug-ins."""

@@ -1,23 +1,27 @@
-"""Packages that only some need: they come with an extra, and are imported when they are used."""
+"""Import of optional packages: each belongs to an extra of this package and is imported on first use."""
 
 from importlib import import_module
 from typing import Any
 
 from autonerf_lab.errors import MissingPackageError
 
-OWN_SIZE = {"max_width": "100%", "align_self": "flex-start", "margin": "0"}  # an ipywidgets image, not stretched
+NATURAL_SIZE = {"max_width": "100%", "align_self": "flex-start", "margin": "0"}  # of an ipywidgets image
 
 
 def optional(module: str, extra: str) -> Any:
-    """Import a package that belongs to an extra.
+    """Import an optional package.
+
+    Args:
+        module: Name of the module.
+        extra: Extra of ``autonerf-lab`` that installs it.
 
     Raises:
-        MissingPackageError: it is not installed; says how to get it.
+        MissingPackageError: The package is not installed. The message contains the command that installs it.
 
     Example:
-        >>> optional("nobody_has_this", "viewer")
+        >>> optional("missing_package", "viewer")
         Traceback (most recent call last):
-        autonerf_lab.errors.MissingPackageError: nobody_has_this is not installed: pip install "autonerf-lab[viewer]"
+        autonerf_lab.errors.MissingPackageError: missing_package is not installed: pip install "autonerf-lab[viewer]"
     """
     try:
         return import_module(module)

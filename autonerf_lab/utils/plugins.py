@@ -1,4 +1,4 @@
-"""What installed packages add: entry points, loaded one by one, so that a broken one breaks only itself."""
+"""Plug-ins: entry points of installed packages. A broken plug-in does not affect the others."""
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -12,33 +12,38 @@ T = TypeVar("T")
 
 
 class PluginWarning(AutoNerfError, UserWarning):  # noqa: N818 - a warning, unless strict() makes it an error
-    """An installed plug-in was left out; the message names it and says why. Under :func:`strict` it is raised."""
+    """Warning that a plug-in was skipped, with its name and the reason. An error under :func:`strict`."""
 
 
 @contextmanager
 def strict() -> Iterator[None]:
-    """Inside, a broken plug-in is not left out: its :class:`PluginWarning` is raised.
+    """Context manager that raises each :class:`PluginWarning` as an error.
 
     Example:
         >>> with strict():
-        ...     found = installed("nothing", {"a": 1}, int)
+        ...     found = load_plugins("nothing", {"a": 1}, int)
     """
     with warnings.catch_warnings():
         warnings.simplefilter("error", PluginWarning)
         yield
 
 
-def installed(
+def load_plugins(
     group: str, builtin: Mapping[str, T], kind: type[Any], check: Callable[[T], Any] | None = None
 ) -> dict[str, T]:
-    """Built-in entries and those registered under ``autonerf_lab.<group>``.
+    """Return the built-in entries and the plug-ins registered under ``autonerf_lab.<group>``, by name.
 
-    A plug-in that does not import, is not a ``kind``, does not pass the ``check`` (which raises) or takes a built-in
-    name is left out with a :class:`PluginWarning`; the others are not disturbed. This is not a sandbox: loading a
-    plug-in runs its code.
+    A plug-in is skipped with a :class:`PluginWarning` if its import fails, its type is wrong, its check fails or its
+    name is taken. Loading a plug-in runs its code; there is no sandbox.
+
+    Args:
+        group: Last part of the name of the entry-point group, such as ``"rewards"``.
+        builtin: Entries that ship with this package.
+        kind: Required type of an entry.
+        check: Function that raises an exception if an entry is invalid.
 
     Example:
-        >>> sorted(installed("nothing", {"a": 1}, int))
+        >>> sorted(load_plugins("nothing", {"a": 1}, int))
         ['a']
     """
     found = dict(builtin)
@@ -52,17 +57,17 @@ def installed(
             if check is not None:
                 check(value)
             found[point.name] = value
-        except (Exception, SystemExit) as error:  # whatever a stranger's module raises when it is imported
+        except (Exception, SystemExit) as error:  # third-party code may raise anything on import
             reason = f"{type(error).__name__}: {error}"
-            warnings.warn(f"plug-in {point.name!r} ({point.value}) is left out: {reason}", PluginWarning, stacklevel=2)
+            warnings.warn(f"plug-in {point.name!r} ({point.value}) was skipped: {reason}", PluginWarning, stacklevel=2)
     return found
 
 
-def package_of(group: str, name: str) -> str | None:
-    """The installed package that registers ``name`` under ``autonerf_lab.<group>``; None where none does.
+def package_name_of(group: str, name: str) -> str | None:
+    """Return the installed package that registers ``name`` under ``autonerf_lab.<group>``, or None.
 
     Example:
-        >>> package_of("models", "nobody-registers-this") is None
+        >>> package_name_of("models", "missing-model") is None
         True
     """
     packages = [point.dist.name for point in entry_points(group=f"autonerf_lab.{group}", name=name) if point.dist]

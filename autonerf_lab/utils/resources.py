@@ -1,7 +1,8 @@
-"""What this process may use of its machine, and what it has used: cores, threads, memory.
+"""Resource limits and memory use of this process.
 
-A container or a batch job may hold less than the machine has. Linux says so in the affinity of the process and in its
-control groups (cgroup v2), of which the tightest counts. Where a system says nothing, it is what the machine has.
+Containers and batch jobs may get less than the whole machine. On Linux, the limits are read from the CPU affinity and
+from the control groups (cgroup v2) of the process; the smallest limit counts. Without limits, the resources of the
+whole machine are returned.
 """
 
 import contextlib
@@ -14,21 +15,21 @@ CGROUPS = Path("/sys/fs/cgroup")
 
 
 def cores() -> int:
-    """Cores that this process may use, at least one.
+    """Return the number of CPU cores available to this process, at least 1.
 
     Example:
         >>> 1 <= cores() <= os.cpu_count()
         True
     """
     found = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    for quota, period in _said("cpu.max"):  # microseconds in each period, of all cores together
+    for quota, period in _cgroup_limits("cpu.max"):  # microseconds of CPU time per period, summed over cores
         if quota != "max":
             found = min(found, int(quota) // int(period))
     return max(1, found)
 
 
 def threads() -> int:
-    """Threads for work that this process spreads over its cores: fewer where ``OMP_NUM_THREADS`` says so.
+    """Return the number of threads for parallel work: :func:`cores`, or ``OMP_NUM_THREADS`` if that is smaller.
 
     Example:
         >>> 1 <= threads() <= cores()
@@ -39,15 +40,15 @@ def threads() -> int:
 
 
 def memory_gb() -> float | None:
-    """Memory that this process may use, GB; None where the system does not say."""
-    found = [float(limit) for (limit,) in _said("memory.max") if limit != "max"]
+    """Return the memory available to this process, GB, or None if unknown."""
+    found = [float(limit) for (limit,) in _cgroup_limits("memory.max") if limit != "max"]
     if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
         found.append(float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")))
     return min(found) / 1e9 if found else None
 
 
 def resident_gb(pid: int) -> float:
-    """Memory that a process holds now, GB; 0 where the system does not say."""
+    """Return the resident memory of a process, GB, or 0 if unknown."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     except (OSError, IndexError, ValueError):
@@ -56,7 +57,7 @@ def resident_gb(pid: int) -> float:
 
 
 def peak_gb() -> float | None:
-    """The most memory that this process has held since it began or :func:`forget_peak`, GB; None if nobody knows."""
+    """Return the peak resident memory since process start or the last :func:`reset_peak`, GB, or None if unknown."""
     with contextlib.suppress(OSError, ValueError, StopIteration):
         lines = (PROC / "status").read_text().splitlines()
         return int(next(line for line in lines if line.startswith("VmHWM:")).split()[1]) * 1024 / 1e9
@@ -70,14 +71,14 @@ def peak_gb() -> float | None:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
 
 
-def forget_peak() -> None:
-    """Let :func:`peak_gb` begin again, from what is held now; without effect where the system cannot."""
+def reset_peak() -> None:
+    """Reset :func:`peak_gb` to the current memory use. Has no effect on systems without ``/proc``."""
     with contextlib.suppress(OSError):
         (PROC / "clear_refs").write_text("5")
 
 
-def _said(name: str) -> Iterator[list[str]]:
-    """The words of a limit, of the control group of this process and of those around it."""
+def _cgroup_limits(name: str) -> Iterator[list[str]]:
+    """Yield the fields of a limit file, for the control group of this process and all its parents."""
     try:
         lines = (PROC / "cgroup").read_text().splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Files that survive a crash: written beside their place, flushed, then renamed over it. None of them runs code."""
+"""Atomic file writes, JSON and safetensors. Each write goes to a temporary file that then replaces the target."""
 
 import errno
 import json
@@ -16,14 +16,14 @@ from safetensors.numpy import load, save
 from autonerf_lab.errors import DataError
 
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-_CUT_OFF = re.compile(r"\..+\.\w+\.[a-z0-9_]{8}")  # what mkstemp makes of the prefix that write_bytes gives it
+_TEMPORARY = re.compile(r"\..+\.\w+\.[a-z0-9_]{8}")  # names that mkstemp makes from the prefix in write_bytes
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
-    """Write a file so that a reader, now or after a crash, sees the old content or the new one, never a part.
+    """Write a file atomically: readers see the old or the new content, never a part, also after a crash.
 
     Raises:
-        DataError: the file could not be written (disk full, no permission); the old file is untouched.
+        DataError: The file cannot be written (disk full, no permission). The old file is unchanged.
 
     Example:
         >>> import tempfile; folder = Path(tempfile.mkdtemp())
@@ -39,7 +39,7 @@ def write_bytes(path: str | Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)  # mkstemp makes files that only their owner can read
+        os.chmod(temporary, 0o644)  # mkstemp creates files that only the owner can read
         os.replace(temporary, path)
     except OSError as error:
         if temporary is not None:
@@ -49,26 +49,26 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         ) from error
 
 
-def cut_off(folder: str | Path) -> Iterator[Path]:
-    """Files that a killed :func:`write_bytes` left in a folder, and nothing else; nobody will ever read them.
+def interrupted_writes(folder: str | Path) -> Iterator[Path]:
+    """Yield the temporary files that interrupted calls of :func:`write_bytes` left in a folder.
 
     Example:
         >>> folder = Path(tempfile.mkdtemp())
         >>> for name in ("a.json", ".a.json.abc_d123", ".lock", ".a.json.backup"):
         ...     (folder / name).touch()
-        >>> [path.name for path in cut_off(folder)]
+        >>> [path.name for path in interrupted_writes(folder)]
         ['.a.json.abc_d123']
     """
     for path in Path(folder).glob(".*"):
-        if _CUT_OFF.fullmatch(path.name) and path.is_file() and not path.is_symlink():
+        if _TEMPORARY.fullmatch(path.name) and path.is_file() and not path.is_symlink():
             yield path
 
 
-def out_of_space(error: BaseException | None) -> bool:
-    """Whether a full disk, or a quota, is behind an error.
+def is_disk_full(error: BaseException | None) -> bool:
+    """Return True if an error was caused by a full disk or a disk quota.
 
     Example:
-        >>> out_of_space(OSError(errno.ENOSPC, "No space left on device")), out_of_space(ValueError())
+        >>> is_disk_full(OSError(errno.ENOSPC, "No space left on device")), is_disk_full(ValueError())
         (True, False)
     """
     while error is not None:
@@ -79,10 +79,10 @@ def out_of_space(error: BaseException | None) -> bool:
 
 
 def write_json(path: str | Path, content: object) -> None:
-    """Write JSON that another program can read: finite numbers only.
+    """Write standard JSON, which allows finite numbers only.
 
     Raises:
-        DataError: not writable, or a value that JSON has no word for.
+        DataError: The file cannot be written, or a value has no JSON representation.
     """
     try:
         text = json.dumps(content, indent=1, allow_nan=False)
@@ -95,7 +95,7 @@ def read_json(path: str | Path) -> dict:
     """Read a JSON file whose top level is an object.
 
     Raises:
-        DataError: names the file, and what is wrong with it.
+        DataError: The file is missing or is not a JSON object.
 
     Example:
         >>> read_json("/nowhere.json")
@@ -115,26 +115,26 @@ def read_json(path: str | Path) -> dict:
 
 
 def write_arrays(path: str | Path, arrays: dict[str, np.ndarray], header: dict[str, Any] | None = None) -> None:
-    """Write arrays by name as safetensors; ``header`` is JSON that goes with them.
+    """Write named arrays as safetensors, with an optional JSON ``header`` in the metadata.
 
     Raises:
-        DataError: not writable.
+        DataError: The file cannot be written.
 
     Example:
         >>> import tempfile; path = Path(tempfile.mkdtemp()) / "a.safetensors"
-        >>> write_arrays(path, {"turned": np.array([[1, 2, 3], [4, 5, 6]]).T})
-        >>> read_arrays(path)[0]["turned"].tolist()
+        >>> write_arrays(path, {"transposed": np.array([[1, 2, 3], [4, 5, 6]]).T})
+        >>> read_arrays(path)[0]["transposed"].tolist()
         [[1, 4], [2, 5], [3, 6]]
     """
-    in_rows = {name: np.asarray(array, order="C") for name, array in arrays.items()}  # what `save` takes for granted
-    write_bytes(path, save(in_rows, None if header is None else {"header": json.dumps(header)}))
+    contiguous = {name: np.asarray(array, order="C") for name, array in arrays.items()}  # `save` requires C order
+    write_bytes(path, save(contiguous, None if header is None else {"header": json.dumps(header)}))
 
 
 def read_arrays(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """The arrays and the header of :func:`write_arrays`; an empty one where there is none.
+    """Return the arrays and the header (empty if absent) of a file of :func:`write_arrays`.
 
     Raises:
-        DataError: the file is missing or damaged.
+        DataError: The file is missing or damaged.
 
     Example:
         >>> read_arrays("/nowhere.safetensors")

@@ -1,5 +1,5 @@
-"""Pictures: of evaluations, of runs, the page that shows them all; and a field as points, as a film, in a browser."""
+"""Visualisation: figures, trajectory player, field viewer, videos and point clouds."""
 
-from autonerf_lab.viz.figures.alt_text import register
+from autonerf_lab.viz.alt_text import register
 
-register()  # in a notebook: importing any of the pictures is enough for them to be read aloud
+register()  # in a notebook: figures get text alternatives as soon as anything here is imported

@@ -1,4 +1,4 @@
-"""Ways for a camera that flies through a field."""
+"""Smooth camera paths for videos of a radiance field."""
 
 from typing import TYPE_CHECKING
 
@@ -10,23 +10,23 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import FORWARD_STEP, TURN_ANGLE
 
 if TYPE_CHECKING:
-    from autonerf_lab.evaluators.radiance_field import Field
+    from autonerf_lab.evaluators.radiance_field import RadianceField
 
-FRAMES_PER_STEP = 6  # of a walk: at 24 frames a second a robot that goes straight on moves at walking pace, 1 m/s
-KEY_STEPS = 4  # poses of a walk from one key pose to the next
+FRAMES_PER_STEP = 6  # at 24 frames per second, steps of 0.25 m give a camera speed of 1 m/s
+KEY_STEPS = 4  # training poses from one key pose to the next
 
 
 def camera_path(poses: np.ndarray, frames: int, unit: float = 1.0) -> np.ndarray:
-    """A smooth way through key poses.
+    """Return a smooth camera path through key poses.
 
-    Positions follow a monotone cubic spline (PCHIP) in each coordinate: between two keys the camera stays in the box
-    that they span, so that it does not swing out into a wall. Rotations turn evenly from key to key (Slerp). The camera
-    takes as long for 25 cm as for a turn of 30 degrees, as the robot does.
+    Positions follow a monotone cubic spline (PCHIP) in each coordinate: between two keys the camera stays inside
+    their bounding box and cannot swing into a wall. Rotations are interpolated at constant angular speed (Slerp).
+    Moving 25 cm takes as long as rotating 30 degrees, as for the robot.
 
     Args:
         poses: (K, 4, 4) camera-to-world, any frame.
-        frames: how many poses to return; the first and the last are those of the keys.
-        unit: what counts as a metre, in the units of the poses.
+        frames: number of poses to return; the first and the last are the first and last key poses.
+        unit: length of a metre in the units of the poses.
 
     Returns:
         (frames, 4, 4) float64, in the frame of ``poses``.
@@ -40,42 +40,41 @@ def camera_path(poses: np.ndarray, frames: int, unit: float = 1.0) -> np.ndarray
         array([0.  , 0.25, 0.5 , 0.75, 1.  ])
     """
     if frames < 2:
-        raise DataError(f"a camera path of {frames} frames goes nowhere; ask for two or more")
+        raise DataError(f"a camera path needs two or more frames, not {frames}")
     poses = np.asarray(poses, dtype=np.float64)
-    turns = Rotation.from_matrix(poses[:, :3, :3])
+    rotations = Rotation.from_matrix(poses[:, :3, :3])
     moved = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1) / (unit * FORWARD_STEP)
-    lasts = moved + (turns[:-1].inv() * turns[1:]).magnitude() / TURN_ANGLE
-    different = np.concatenate([[True], lasts > 1e-6])  # a robot that bumps into something stays where it is
+    durations = moved + (rotations[:-1].inv() * rotations[1:]).magnitude() / TURN_ANGLE  # robot steps
+    different = np.concatenate([[True], durations > 1e-6])  # a collision repeats the pose
     if different.sum() < 2:
         raise DataError("a camera path needs at least two different poses")
-    times = np.concatenate([[0.0], np.cumsum(lasts)])[different]
-    shown = np.linspace(0, times[-1], frames)
+    times = np.concatenate([[0.0], np.cumsum(durations)])[different]
+    frame_times = np.linspace(0, times[-1], frames)
     path = np.tile(np.eye(4), (frames, 1, 1))
-    path[:, :3, :3] = Slerp(times, turns[different])(shown).as_matrix()
-    path[:, :3, 3] = PchipInterpolator(times, poses[different, :3, 3])(shown)
+    path[:, :3, :3] = Slerp(times, rotations[different])(frame_times).as_matrix()
+    path[:, :3, 3] = PchipInterpolator(times, poses[different, :3, 3])(frame_times)
     return path
 
 
-def walk_path(field: "Field", frames: int) -> np.ndarray:
-    """The way of the robot, smoothed: through every fourth training camera, which cuts corners by centimetres.
+def trajectory_path(field: "RadianceField", frames: int) -> np.ndarray:
+    """Return a smooth path along the training cameras: through every fourth one, which cuts corners by centimetres.
 
-    Of photographs it is the way in their order.
-
-    Where the walk is too long for the frames, the stretch of it that covers the most ground is taken.
+    Training cameras are taken in order: the trajectory of the robot, or the order of the photographs. If the trajectory
+    is too long for the number of frames, the part with the longest path is used.
 
     Args:
-        field: its training cameras are those of a walk, in order.
-        frames: how many poses to return. Six show one step of the robot.
+        field: a trained radiance field.
+        frames: number of poses to return; six show one step of the robot.
 
     Returns:
         (frames, 4, 4) float64 camera-to-world, world frame.
 
     Raises:
-        DataError: as :func:`camera_path`.
+        DataError: see :func:`camera_path`.
     """
     steps = max(KEY_STEPS, frames // FRAMES_PER_STEP)
-    way = np.linalg.norm(np.diff(field.cameras[:, :3, 3], axis=0), axis=1)
-    so_far = np.concatenate([[0.0], np.cumsum(way)])
-    first = int(np.argmax(so_far[steps:] - so_far[:-steps])) if steps < len(so_far) else 0
-    last = min(first + steps, len(so_far) - 1)
-    return camera_path(field.cameras[[*range(first, last, KEY_STEPS), last]], frames, field.frame.unit)
+    distances = np.linalg.norm(np.diff(field.poses[:, :3, 3], axis=0), axis=1)
+    path_length = np.concatenate([[0.0], np.cumsum(distances)])
+    first = int(np.argmax(path_length[steps:] - path_length[:-steps])) if steps < len(path_length) else 0
+    last = min(first + steps, len(path_length) - 1)
+    return camera_path(field.poses[[*range(first, last, KEY_STEPS), last]], frames, field.frame.unit)

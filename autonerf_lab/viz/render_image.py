@@ -1,4 +1,4 @@
-"""What a field shows, as pictures: colours, depth, classes and opacity."""
+"""Layers of a rendering as images: colours, depth, classes and opacity."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,22 +9,22 @@ from matplotlib import colormaps
 from autonerf_lab.classes import colorize
 from autonerf_lab.errors import DataError, UnknownNameError
 
-HALF_WAY = 2.0  # metres, or what a field takes for such: the depth in the middle of the colour scale
+MIDDLE_DEPTH = 2.0  # depth in the middle of the colour scale, metres
 
 
-def _gray(share: np.ndarray) -> np.ndarray:
-    return share[..., None].repeat(3, axis=-1)
+def _gray(values: np.ndarray) -> np.ndarray:
+    return values[..., None].repeat(3, axis=-1)
 
 
 def _depth(image: Any, unit: float) -> np.ndarray:
     depth = np.maximum(np.nan_to_num(image.depth), 0) / unit
-    # no depth lies outside this scale, and it is the same in every picture: a video does not flicker
-    return colormaps["viridis"](depth / (depth + HALF_WAY))[..., :3]
+    # all depths fit into this scale, and it is the same for all images: a video does not flicker
+    return colormaps["viridis"](depth / (depth + MIDDLE_DEPTH))[..., :3]
 
 
 def _semantics(image: Any, unit: float) -> np.ndarray:
     if image.semantics is None:
-        raise DataError("this field knows no classes: it was trained on images without semantics")
+        raise DataError("this field has no classes: it was trained on images without semantics; choose another layer")
     return colorize(image.semantics) / 255
 
 
@@ -37,29 +37,29 @@ _LAYERS: dict[str, Callable[[Any, float], np.ndarray]] = {
 LAYERS = tuple(_LAYERS)
 
 
-def paint(image: Any, what: str, unit: float = 1.0) -> np.ndarray:
-    """A rendering as a picture.
+def layer_image(image: Any, layer: str, unit: float = 1.0) -> np.ndarray:
+    """Return one layer of a rendering as an image.
 
     Args:
-        image: what ``render`` of a field returns.
-        what: ``rgb``, ``depth`` (viridis, dark is near, 2 m is half way), ``semantics`` (colours of the classes) or
-            ``opacity`` (white where all light is collected).
-        unit: what counts as a metre, in the units of the depth: that of the field's ``frame``.
+        image: result of the ``render`` method of a radiance field.
+        layer: ``rgb``, ``depth`` (viridis; dark is near, 2 m is in the middle of the scale), ``semantics`` (class
+            colours) or ``opacity`` (white is opaque).
+        unit: length of a metre in the units of the depth: ``unit`` of the field's ``frame``.
 
     Returns:
         (H, W, 3) uint8.
 
     Raises:
-        UnknownNameError: there is no such picture.
-        DataError: semantics of a field that knows no classes.
+        UnknownNameError: unknown layer.
+        DataError: semantics of a field without classes.
 
     Example:
-        >>> from autonerf_lab.evaluators import Image
+        >>> from autonerf_lab.evaluators import Rendering
         >>> grey, one = np.full((1, 1, 3), 0.5, np.float32), np.ones((1, 1), np.float32)
-        >>> paint(Image(grey, one, one.astype(np.uint8), one), "rgb")
+        >>> layer_image(Rendering(grey, one, one.astype(np.uint8), one), "rgb")
         array([[[128, 128, 128]]], dtype=uint8)
     """
-    if what not in _LAYERS:
-        raise UnknownNameError("picture", what, LAYERS)
-    # nothing finite is promised while a training goes wrong
-    return np.round(np.clip(np.nan_to_num(_LAYERS[what](image, unit)), 0, 1) * 255).astype(np.uint8)
+    if layer not in _LAYERS:
+        raise UnknownNameError("image layer", layer, LAYERS)
+    # values may be non-finite while a training diverges
+    return np.round(np.clip(np.nan_to_num(_LAYERS[layer](image, unit)), 0, 1) * 255).astype(np.uint8)

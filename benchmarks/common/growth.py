@@ -1,4 +1,4 @@
-"""How the seconds that a field needs grow with the apartment and with the number of photographs."""
+"""Training time to a given PSNR, as a function of floor area and of the number of training views."""
 
 import argparse
 from dataclasses import replace
@@ -17,56 +17,56 @@ from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.scenes.generator import generate_spec
 
 GOAL = 27.0  # dB
-EVERY = 4.0  # seconds of training between two looks
-COUNTS = (100, 200, 400, 600, 1200)
+EVERY = 4.0  # seconds of training between two evaluations
+COUNTS = (100, 200, 400, 600, 1200)  # training views
 AXES = {"area": ("area_m2", "floor area [m²]"), "views": ("views", "training views")}
 
 
 class ReachedError(Exception):
-    """There is no need to train on."""
+    """The goal is reached; raised by the callback to stop the training."""
 
 
 def seconds_to(folder: Path, settings: Settings, goal: float, horizon: float, count: int) -> dict[str, Any]:
-    """Train on the first ``count`` views until the mean PSNR of the test views is ``goal`` dB.
+    """Train on the first ``count`` views until the mean PSNR of the test views reaches ``goal`` dB.
 
-    The learning rate is that of one schedule for all, about ``horizon`` seconds long, whether it is needed or not: a
-    schedule made for the answer would arrive earlier.
+    All trainings share one learning-rate schedule of about ``horizon`` seconds; a schedule adapted to each result would
+    be faster.
 
     Returns:
-        ``seconds``, linear between two looks, None if it was not reached; ``psnr``, the best that was seen.
+        ``seconds``, interpolated between two evaluations, None if the goal was not reached; ``psnr``, the best value.
     """
     train, test = read_views(folder, count)
     compile_kernels(train, settings, "semantic-nerfacto")
-    seen = [(0.0, 0.0)]
+    measured = [(0.0, 0.0)]  # seconds, PSNR
 
-    def look(step: int, model: Any) -> None:
+    def evaluate(step: int, model: Any) -> None:
         field = in_training(model, train)
         images = [np.clip(field.render(c2w).rgb, 0, 1) for c2w in test.poses]
         decibel = np.mean([psnr(image, truth / 255) for image, truth in zip(images, test.rgb, strict=True)])
-        seen.append((watch.seconds, float(decibel)))
+        measured.append((watch.seconds, float(decibel)))
         if decibel >= goal:
             raise ReachedError
 
-    # more marks than the schedule has: on a slow day it takes longer than planned
-    watch = Stopwatch(tuple(np.arange(EVERY, 4 * horizon, EVERY)), look)
+    # More marks than the schedule has, in case steps take longer than measured.
+    watch = Stopwatch(tuple(np.arange(EVERY, 4 * horizon, EVERY)), evaluate)
     seconds = None
     try:
         fit(train, settings=settings, progress=False, callback=watch)
     except ReachedError:
-        (t0, before), (t1, after) = seen[-2:]
+        (t0, before), (t1, after) = measured[-2:]
         seconds = t0 + (t1 - t0) * (goal - before) / (after - before)
-    return {"seconds": seconds, "psnr": max(decibel for _, decibel in seen)}
+    return {"seconds": seconds, "psnr": max(decibel for _, decibel in measured)}
 
 
 def spread_apartments(count: int, seeds: int) -> list[str]:
-    """Generated apartments, the nearest to floor areas evenly spread over all there are: 40 to 140 m2."""
+    """Return generated apartments with floor areas evenly spread between 40 and 140 m²."""
     areas = {f"apartment-{seed}": floor_area(generate_spec(seed)) for seed in range(seeds)}
     wanted = np.linspace(40, 140, count)
     return list(dict.fromkeys(min(areas, key=lambda name: abs(areas[name] - area)) for area in wanted))
 
 
 def growth(options: argparse.Namespace, step_ms: float, folder: Path) -> dict[str, Any]:
-    """Measure, print, write ``growth.csv`` and ``growth.png``; returns the figures of the JSON."""
+    """Measure, print, and write ``growth.csv`` and ``growth.png``; return the values of the JSON."""
     scenes = spread_apartments(2, 6) if options.quick else spread_apartments(6, 60)
     counts = (50, 150) if options.quick else COUNTS
     goal, horizon = (15.0 if options.quick else GOAL), options.growth_seconds
@@ -78,9 +78,9 @@ def growth(options: argparse.Namespace, step_ms: float, folder: Path) -> dict[st
     areas: dict[str, float] = {}
     for study, name, count in studies:
         path = folder / f"{study}-{name}"
-        if not path.exists():  # fewer views are the first of more
-            most = max(counts) if study == "views" else count
-            made = in_fresh_process(options.threads, write_views, name, path, most, options.test_views)
+        if not path.exists():  # smaller counts use the first views of a larger set
+            largest = max(counts) if study == "views" else count
+            made = in_fresh_process(options.threads, write_views, name, path, largest, options.test_views)
             areas[name] = made["area_m2"]
         found = in_fresh_process(options.threads, seconds_to, path, settings, goal, horizon, count)
         found = {key: value and round(value, 2) for key, value in found.items()}
@@ -89,14 +89,14 @@ def growth(options: argparse.Namespace, step_ms: float, folder: Path) -> dict[st
         print(f"  {name}, {areas[name]:.0f} m2, {count} views: {reached}, best {found['psnr']:.2f} dB", flush=True)
     write_csv(options.out / "growth.csv", rows)
     draw_growth(rows, goal, horizon, options.out / "growth.png")
-    figures: dict[str, Any] = {"goal_db": goal, "horizon_s": horizon}
+    values: dict[str, Any] = {"goal_db": goal, "horizon_s": horizon}
     for study, (key, _) in AXES.items():
-        figures[f"seconds_by_{study}"] = [[row[key], row["seconds"]] for row in rows if row["study"] == study]
-    return figures
+        values[f"seconds_by_{study}"] = [[row[key], row["seconds"]] for row in rows if row["study"] == study]
+    return values
 
 
 def draw_growth(rows: list[dict[str, Any]], goal: float, horizon: float, path: Path) -> None:
-    """Seconds over area and over views; a cross at the top is a fit that did not get there."""
+    """Plot seconds over area and over views; a cross marks a training that did not reach the goal."""
     import matplotlib
 
     matplotlib.use("Agg")

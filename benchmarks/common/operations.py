@@ -1,21 +1,21 @@
-"""How many floating-point operations a training step of Semantic Nerfacto is, term by term, from its settings.
+"""Number of floating-point operations of a training step of Semantic Nerfacto, term by term, from its settings.
 
-Per step there are R rays with S samples each, and P bins in a round of proposals. A layer of n inputs and m outputs
-costs 2 n m operations for a sample: n m products and as many sums. Its way back costs twice that, once for the gradient
-of its inputs and once for that of its weights.
+A step has R rays with S samples each, and P bins in a proposal round. A layer of n inputs and m outputs costs 2 n m
+operations per sample: n m products and as many sums. Its backward pass costs twice that, for the gradients of inputs
+and weights.
 
-Networks of the field: 2L -> H -> G for the density; G -> H -> H -> 3 for the colour, where the direction's F features
-enter the first layer once for a ray; G -> H for the semantics, whose C outputs are linear, and so need computing only
-once for a ray, after compositing. Networks of the proposals: 2L' -> H' -> 1, which learn every k-th step.
+Networks of the field: 2L -> H -> G for the density; G -> H -> H -> 3 for the colour, where the F features of the
+direction enter the first layer once per ray; G -> H for the semantics, whose C outputs are linear and so are computed
+once per ray, after compositing. Networks of the proposals: 2L' -> H' -> 1, trained every k-th step.
 
-Hash interpolation: 8 corners with 2 features in each of L levels, 32 L operations for a sample, and as many on the way
-back, where the gradient is scattered to the corners.
+Hash interpolation: 8 corners with 2 features in each of L levels, 32 L operations per sample, and as many in the
+backward pass, which scatters the gradient to the corners.
 
-The heads and the way back may be spared for samples without weight: A of the S samples of a ray are active, all of them
-in the plain architecture.
+Heads and backward pass can be skipped for samples without weight: A of the S samples of a ray are active; A = S in the
+plain architecture.
 
-Left out, because a limit may be too low but not too high: addresses and weights of the corners, exponentials,
-compositing, losses, the optimiser, and all waiting for memory.
+Not counted, so that the result is a lower bound: addresses and weights of the corners, exponentials, compositing,
+losses, the optimiser, and memory access.
 """
 
 from dataclasses import dataclass
@@ -27,20 +27,20 @@ from autonerf_lab.nerf.settings import ProposalSettings
 
 @dataclass(frozen=True)
 class Term:
-    """A part of the work."""
+    """One term of the sum."""
 
     name: str
     formula: str
-    operations: float
+    operations: float  # per training step
 
 
 def step_operations(settings: ProposalSettings, classes: int, active: float = 1.0) -> list[Term]:
-    """The terms of a training step.
+    """Return the terms of a training step.
 
     Args:
         settings: sizes of the model, rays and samples of a step.
-        classes: what the semantic network tells apart.
-        active: share of the samples that go through the heads and back.
+        classes: number of semantic classes.
+        active: share of the samples that pass through the heads and the backward pass.
     """
     s = settings
     R, S, H, L, G, F, C = s.rays, s.samples, s.hidden, s.levels, GEOMETRY, HARMONICS + s.appearance, classes
@@ -61,12 +61,12 @@ def step_operations(settings: ProposalSettings, classes: int, active: float = 1.
 
 
 def total_operations(terms: list[Term]) -> float:
-    """Of a whole step."""
+    """Return the number of operations of a step."""
     return sum(term.operations for term in terms)
 
 
 def describe(settings: ProposalSettings, classes: int) -> str:
-    """The formulas with their values when every sample is active, as a table."""
+    """Return a table of the terms, with all samples active."""
     s, terms = settings, step_operations(settings, classes)
     lines = [
         f"R {s.rays}  S = A {s.samples}  L {s.levels}  H {s.hidden}  G {GEOMETRY}  F {HARMONICS + s.appearance}  "

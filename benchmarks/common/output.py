@@ -1,4 +1,4 @@
-"""What benchmarks write down."""
+"""Tables of benchmark results."""
 
 import csv
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Columns are those of the first row; numbers rounded, what is missing empty."""
+    """Write rows as CSV: columns of the first row, floats rounded to 4 decimals, None as an empty cell."""
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
@@ -17,6 +17,6 @@ def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def mean_of(rows: list[dict[str, Any]], key: str) -> float | None:
-    """Of a column; None where there is nothing to average."""
+    """Return the mean of a column without its missing values; None if all are missing."""
     values = [row[key] for row in rows if row[key] is not None]
     return float(np.mean(values)) if values else None

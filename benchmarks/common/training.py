@@ -1,4 +1,4 @@
-"""Trainings as the benchmarks measure them: single steps side by side, and whole fits that are judged on the way."""
+"""Measured trainings: single steps of several models side by side, and whole fits with evaluations in between."""
 
 import time
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
-from autonerf_lab.nerf.pixel_sampler import Pixels
+from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.radiance_field import NeRF
 from autonerf_lab.nerf.ray_batch import assign, to_numpy
 from autonerf_lab.nerf.scene_box import SceneBox
@@ -36,25 +36,33 @@ NOTHING_SEEN = Visibility(np.zeros(3), VOXEL, np.zeros((1, 1, 1), bool))
 
 
 def in_fresh_process(threads: int, function: Callable[..., Any], *args: Any, **options: Any) -> Any:
-    """What a function of a module returns in a process of its own, on so many threads.
+    """Return the result of a module-level function, called in a new process with a number of threads.
 
-    Memory that was used before does not count to its peak, provided that the caller has stayed small: what a process
-    starts with is what its parent holds.
+    Memory used before does not count towards the peak of the new process, as long as the caller itself stays small.
     """
     with ProcessPoolExecutor(1, get_context("spawn"), set_threads, (threads,)) as pool:
         return pool.submit(function, *args, **options).result()
 
 
 def set_threads(count: int) -> None:
-    """For kernels and torch alike."""
+    """Set the number of threads of numba and torch."""
     numba.set_num_threads(count)
     torch.set_num_threads(count)
 
 
 class Trainer:
-    """The training of a model, one step at a time."""
+    """Training of a model, one step at a time.
 
-    def __init__(self, pixels: Pixels, settings: Settings, model: str = "semantic-nerfacto", device: str | None = None):
+    Args:
+        pixels: training data.
+        settings: hyper-parameters.
+        model: name of the model.
+        device: None for the kernels, or a torch device.
+    """
+
+    def __init__(
+        self, pixels: PixelSampler, settings: Settings, model: str = "semantic-nerfacto", device: str | None = None
+    ):
         self.pixels, self.settings = pixels, settings
         box = SceneBox.around(pixels.poses[:, :3, 3].astype(np.float64), settings.margin, settings.shell)
         rng = np.random.default_rng(0)
@@ -62,12 +70,12 @@ class Trainer:
         self.state = TrainingState(self.model, Adam(self.model.parameters), rng)
 
     def step(self) -> dict[str, float]:
-        """As a fit does it, at the first learning rate; returns the losses."""
+        """Do one training step of ``fit`` at the initial learning rate, and return the losses."""
         train_step(self.state, self.pixels, self.settings.learning_rate)
         return self.state.losses
 
-    def take_over(self, other: "Trainer") -> None:
-        """Go on from where another training of the same model is, with the same random numbers."""
+    def copy_state(self, other: "Trainer") -> None:
+        """Copy parameters, optimiser and random state of another training of the same model."""
         mine, theirs = self.state.optimizer, other.state.optimizer
         groups = [(self.model.state, other.model.state)]
         groups += [(getattr(mine, key), getattr(theirs, key)) for key in ("parameters", "first", "second")]
@@ -78,23 +86,23 @@ class Trainer:
         self.state.rng.bit_generator.state = other.state.rng.bit_generator.state
 
     def active_share(self) -> float:
-        """Share of the samples whose weight is worth going through the heads and back."""
-        rays = self.pixels.rays(self.pixels.draw(self.settings.rays, np.random.default_rng(0)))
+        """Return the share of samples whose weight exceeds ``min_weight``."""
+        rays = self.pixels.rays(self.pixels.sample(self.settings.rays, np.random.default_rng(0)))
         samples = self.model.sampler.sample(rays, np.full(len(rays), 0.5, np.float32))
         return float((self.model.field.render(rays, samples).weights > self.settings.min_weight).mean())
 
 
-def pixels_of(views: Trajectory) -> Pixels:
-    """Everything there is to learn from."""
-    return Pixels(Dataset.of(views), FieldFrame())
+def pixels_of(views: Trajectory) -> PixelSampler:
+    """Return a sampler of the pixels of training views."""
+    return PixelSampler(Dataset.from_trajectory(views), FieldFrame())
 
 
 def interleaved(steps: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:
-    """Milliseconds of each, measured by turns: whatever else the machine does meets all of them.
+    """Return the milliseconds per call of several functions, measured in turns, so that other load affects all alike.
 
     Args:
-        steps: what is measured, and how often in a row; enough to hold what happens every few steps only.
-        rounds: turns of each, of which the fastest counts, as in ``timeit``: what else the machine does only adds.
+        steps: function and number of calls per turn, large enough to contain work that is done every few steps.
+        rounds: number of turns, of which the fastest counts, as in ``timeit``.
     """
     times: dict[str, list[float]] = {name: [] for name in steps}
     for _ in range(rounds):
@@ -107,55 +115,56 @@ def interleaved(steps: dict[str, tuple[Callable[[], object], int]], rounds: int)
 
 
 class Stopwatch:
-    """Seconds of a training, without what is done at certain moments of it: the ``callback`` of a fit.
+    """Callback of ``fit`` that measures the seconds of a training and evaluates the model at given times.
 
     Args:
-        marks: seconds, in order.
-        look: called with the step and the model at each mark, while the clock stands still.
+        marks: increasing times of the evaluations, seconds of training.
+        evaluate: called with the step and the model at each mark; its duration is not counted.
     """
 
-    def __init__(self, marks: tuple[float, ...], look: Callable[[int, Model], None]) -> None:
-        self.marks, self.look = list(marks), look
+    def __init__(self, marks: tuple[float, ...], evaluate: Callable[[int, Model], None]) -> None:
+        self.marks, self.evaluate = list(marks), evaluate
         self.seconds, self.step = 0.0, 0
-        self.mark: float | None = None  # the one that is looked at
+        self.mark: float | None = None  # the mark under evaluation
         self._started, self._paused = time.perf_counter(), 0.0
 
     def __call__(self, step: int, model: Model) -> None:
+        """Update the clock, and evaluate if a mark has passed."""
         arrived = time.perf_counter()
         self.seconds, self.step = arrived - self._started - self._paused, step
         while self.marks and self.marks[0] <= self.seconds:
             self.mark = self.marks.pop(0)
-            if not self.marks or self.marks[0] > self.seconds:  # of marks that one step passes, the last
-                self.look(step, model)
+            if not self.marks or self.marks[0] > self.seconds:  # if one step passes several marks, the last
+                self.evaluate(step, model)
         self._paused += time.perf_counter() - arrived
 
 
 def compile_kernels(train: Trajectory, settings: Settings, model: str) -> None:
-    """So that no fit that is measured pays for it."""
+    """Compile the kernels, so that the time of compilation is not measured."""
     fit(train, model, settings=replace(settings, steps=2, seen_rays=4096), progress=False)
 
 
 def fit_and_score(
     folder: Path, settings: Settings, marks: tuple[float, ...] = (), model: str = "semantic-nerfacto", seed: int = 0,
 ) -> dict[str, Any]:  # fmt: skip
-    """Fit a model to the views of a folder and judge it on the test views, at marks and at the end.
+    """Fit a model to the views of a folder and evaluate it on the test views, at marks and at the end.
 
     Returns:
-        ``rows``, one a moment: ``mark_s`` (None at the end), ``seconds`` and ``step`` of the training, and the scores;
-        ``render_fps``, 128x128; ``peak_gb`` of the process.
+        ``rows``, one per evaluation: ``mark_s`` (None at the end), ``seconds`` and ``step`` of the training, and the
+        scores; ``render_fps``, frames per second at 128x128; ``peak_gb``, memory of the process.
     """
     train, test = read_views(folder, depth=settings.depth_weight > 0)
     compile_kernels(train, settings, model)
     rows: list[dict[str, Any]] = []
-    asked = Dataset.of(test)
+    test_views = Dataset.from_trajectory(test)
 
-    def judge(field: NeRF, mark: float | None) -> None:
-        scores = evaluate_rendering(field, photographed_views(asked)).values
+    def score(field: NeRF, mark: float | None) -> None:
+        scores = evaluate_rendering(field, photographed_views(test_views)).values
         rows.append({"mark_s": mark, "seconds": watch.seconds, "step": watch.step, **scores})
 
-    watch = Stopwatch(marks, lambda step, model: judge(in_training(model, train), watch.mark))
+    watch = Stopwatch(marks, lambda step, model: score(in_training(model, train), watch.mark))
     nerf = fit(train, model, settings=settings, seed=seed, progress=False, callback=watch)
-    judge(nerf, None)
+    score(nerf, None)
     times = []
     for c2w in test.poses:
         started = time.perf_counter()
@@ -165,5 +174,5 @@ def fit_and_score(
 
 
 def in_training(model: Model, train: Trajectory) -> NeRF:
-    """What an unfinished model shows."""
+    """Return a model in training as a field."""
     return NeRF(model, train.poses, train.intrinsics, NOTHING_SEEN, train.meta)

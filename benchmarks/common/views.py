@@ -1,7 +1,7 @@
-"""Photographs of a scene from everywhere: what the benchmarks of fields train on, and what they are judged by.
+"""Training and test views of a scene for the benchmarks of fields.
 
-Poses are uniform over the navigable ground and heading; those to train on and those to test have different seeds. Both
-are written as trajectory folders, so that a process that trains never holds a scene, its texture or a simulator.
+Poses are uniform over navigable ground and heading; training and test views have different seeds. Both are written as
+trajectory folders, so that a training process never holds a scene, its texture or a simulator.
 """
 
 from dataclasses import replace
@@ -21,22 +21,23 @@ TEST_SEED, TRAIN_SEED = 0, 1
 
 
 def write_views(name: str, folder: Path, train: int, test: int) -> dict[str, float]:
-    """Photograph a scene as ``explore`` would, 128x128 and supersampled.
+    """Render training and test views of a scene, 128x128 and supersampled as in ``explore``, into a folder.
 
     Returns:
-        ``area_m2``, the floor of its rooms; ``psnr`` and the other scores of showing the nearest training view.
+        ``area_m2``, floor area of the rooms; ``psnr`` and the other scores of the nearest-view baseline.
     """
     scene = scene_by_name(name)
     sim = Simulator(scene)
     for part, count, seed in (("train", train, TRAIN_SEED), ("test", test, TEST_SEED)):
         photographs(sim, count, seed).save(folder / part)
-    known, asked = read_views(folder)
-    scores = evaluate_rendering(NearestView(known), photographed_views(Dataset.of(asked))).values
+    train_views, test_views = read_views(folder)
+    baseline = NearestView(train_views)
+    scores = evaluate_rendering(baseline, photographed_views(Dataset.from_trajectory(test_views))).values
     return {"area_m2": floor_area(scene.spec), **scores}
 
 
 def photographs(sim: Simulator, count: int, seed: int) -> Trajectory:
-    """Images from everywhere, as if somebody had carried the robot there."""
+    """Render views at ``count`` random poses."""
     poses = sample_test_poses(sim, count, seed)
     frames = [sim.render(c2w) for c2w in poses]
     rgb, depth, semantics = (np.stack([getattr(f, key) for f in frames]) for key in ("rgb", "depth", "semantics"))
@@ -44,7 +45,7 @@ def photographs(sim: Simulator, count: int, seed: int) -> Trajectory:
 
 
 def read_views(folder: Path, count: int | None = None, depth: bool = False) -> tuple[Trajectory, Trajectory]:
-    """The views to train on, the first ``count`` of them, with depth only where it is asked for; and those to test."""
+    """Read the first ``count`` training views, without depth by default, and the test views."""
     train, test = load_trajectory(folder / "train"), load_trajectory(folder / "test")
     chosen = slice(count)
     train = replace(
@@ -58,11 +59,11 @@ def read_views(folder: Path, count: int | None = None, depth: bool = False) -> t
 
 
 def scene_by_name(name: str) -> Scene:
-    """A frozen scene, or ``apartment-SEED`` fresh from the generator."""
+    """Return a scene of the package, or generate ``apartment-SEED``."""
     kind, _, seed = name.partition("-")
     return generate_apartment(int(seed)) if kind == "apartment" else load_scene(name)
 
 
 def floor_area(spec: dict) -> float:
-    """Square metres of the rooms of a generated apartment, walls left out."""
+    """Return the floor area of the rooms of a generated apartment, without walls, m²."""
     return sum(Polygon(room["polygon"]).area for room in spec["rooms"])

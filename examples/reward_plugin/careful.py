@@ -1,17 +1,19 @@
-"""Explore, but do not bump into things: a reward that remembers."""
+"""Reward with state: explored area with a penalty for collisions."""
 
 from autonerf_lab.rewards import cov
 
 
 class Careful:
-    """Newly explored area, less the harm of a bump, square metres: each bump of an episode costs more than the last."""
+    """Newly explored area minus a collision penalty, square metres: the penalty grows with each collision."""
 
-    def __init__(self, price=0.1):
-        self.price, self.bumps = price, 0
+    def __init__(self, penalty=0.1):
+        self.penalty, self.collisions = penalty, 0
 
     def reset(self, rng):
-        self.bumps = 0
+        """Begin an episode."""
+        self.collisions = 0
 
     def __call__(self, transition):
-        self.bumps += transition.observation.collided
-        return cov(transition) - self.price * self.bumps * transition.observation.collided
+        """Return the reward of one step."""
+        self.collisions += transition.observation.collided
+        return cov(transition) - self.penalty * self.collisions * transition.observation.collided

@@ -1,4 +1,4 @@
-"""Worker processes of these tests find the fake cells."""
+"""Environment of the worker processes: they must find the fake cells."""
 
 import os
 
@@ -7,5 +7,5 @@ from fake_grid import SUPPORT
 
 
 @pytest.fixture(autouse=True)
-def workers_find_the_fake(monkeypatch):
+def workers_find_the_fake_cells(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")]))

@@ -1,4 +1,4 @@
-"""A real scheduler and two workers over TCP on loopback, one of which is killed half-way."""
+"""Cluster: a real scheduler and two workers over TCP on loopback."""
 
 import json
 import os
@@ -49,7 +49,7 @@ def start(code, *arguments):
 
 @pytest.fixture
 def cluster(monkeypatch):
-    """The address of a scheduler, and its two workers."""
+    """Address of a scheduler, its two workers and its process."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")]))
     scheduler, address = start(SCHEDULER)
     workers = [start(WORKER, address)[0] for _ in range(2)]
@@ -60,9 +60,10 @@ def cluster(monkeypatch):
         process.stdout.close()
 
 
-def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, cluster) -> None:
+def test_killed_worker_loses_no_cell(tmp_path: Path, cluster) -> None:
     address, workers, _ = cluster
-    (tmp_path / "told.json").write_text(json.dumps({name: "slow" for name in NAMES[:4]} | {NAMES[5]: "failed: odd"}))
+    behaviour = dict.fromkeys(NAMES[:4], "slow") | {NAMES[5]: "failed: odd"}
+    (tmp_path / "behaviour.json").write_text(json.dumps(behaviour))
     code = (
         "import sys; from pathlib import Path; import fake_grid as t, fake_cell\n"
         "from autonerf_lab.benchmark import run_grid\n"
@@ -77,37 +78,37 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, cluster) -> None:
     assert run.wait(timeout=300) == 0
     results = run_grid(GRID, tmp_path / "out", scheduler=address, function=fake_cell.FUNCTION)
     assert statuses(results) == dict.fromkeys(NAMES, "ok") | {NAMES[5]: "failed"}
-    assert set(log(tmp_path)) == set(NAMES) and len(log(tmp_path)) <= len(NAMES) + 1, "one cell began again, at most"
+    assert set(log(tmp_path)) == set(NAMES) and len(log(tmp_path)) <= len(NAMES) + 1, "at most one cell starts again"
 
 
-def test_the_dashboard_shows_cells_by_name_and_keys_are_those_of_one_grid() -> None:
+def test_keys_are_unique_and_show_the_cell_name() -> None:
     split = pytest.importorskip("distributed.utils").key_split
     cells = [*GRID.cells(), *(replace(cell, preset="fast") for cell in GRID.cells())]
     jobs = [Job(cell, out) for cell in cells for out in ("/shared/a", "/shared/b")]
     keys = [key_of(job) for job in jobs]
-    assert len(set(keys)) == len(jobs), "one key a results folder and preset"
+    assert len(set(keys)) == len(jobs), "one key per results folder and preset"
     assert [split(key) for key in keys] == [job.cell.name.replace("-", ".") for job in jobs]
     assert keys == [key_of(job) for job in jobs]
 
 
-def test_a_scheduler_that_is_lost_is_no_fault_of_the_cells(tmp_path: Path, cluster, monkeypatch) -> None:
+def test_lost_scheduler_does_not_fail_cells(tmp_path: Path, cluster, monkeypatch) -> None:
     address, _, scheduler = cluster
-    (tmp_path / "told.json").write_text(json.dumps(dict.fromkeys(NAMES, "slow")))
-    settle = run_module._settle
+    (tmp_path / "behaviour.json").write_text(json.dumps(dict.fromkeys(NAMES, "slow")))
+    record = run_module._record
 
     def then_kill(results, cell, status):
-        settle(results, cell, status)
+        record(results, cell, status)
         scheduler.kill()
 
-    monkeypatch.setattr(run_module, "_settle", then_kill)
+    monkeypatch.setattr(run_module, "_record", then_kill)
     monkeypatch.setattr("autonerf_lab.benchmark.cluster.CONNECT_SECONDS", 2)
-    with pytest.raises(DataError, match=f"the scheduler at {address} was lost; the same command goes on"):
+    with pytest.raises(DataError, match=f"the scheduler at {address} was lost; run the same command again"):
         run_grid(GRID, tmp_path / "out", scheduler=address, function=fake_cell.FUNCTION)
     found = statuses(load_results(tmp_path / "out"))
     assert set(found.values()) == {"ok"} and len(found) < len(NAMES)
 
 
-def test_nobody_at_the_address(tmp_path: Path, monkeypatch) -> None:
+def test_no_scheduler_at_the_address(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("autonerf_lab.benchmark.cluster.CONNECT_SECONDS", 1)
     with pytest.raises(DataError, match="no scheduler answers at tcp://127"):
         run_grid(GRID, tmp_path / "out", scheduler="tcp://127.0.0.1:9", function=fake_cell.FUNCTION)

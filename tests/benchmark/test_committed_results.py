@@ -1,4 +1,4 @@
-"""The results in ``benchmarks/results``, and the script that keeps them there."""
+"""Committed results in ``benchmarks/results`` and the script that exports them."""
 
 import runpy
 import shutil
@@ -11,39 +11,39 @@ from PIL import Image
 from autonerf_lab.benchmark import load_results
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-KEPT = BENCHMARKS / "results"
-MADE = ("scores.csv", "tables.md", "tables.tex", "tables.html")
+COMMITTED = BENCHMARKS / "results"
+TABLES = ("scores.csv", "tables.md", "tables.tex", "tables.html")
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """The grid as it was when its run had ended: with pictures."""
-    folder = shutil.copytree(KEPT, tmp_path / "run")
-    (folder / "pictures").mkdir()
+    """Copy of the committed results with figures, as after a run."""
+    folder = shutil.copytree(COMMITTED, tmp_path / "run")
+    (folder / "figures").mkdir()
     for cell in load_results(folder).grid.cells():
-        Image.new("RGB", (8, 8)).save(folder / "pictures" / f"{cell.name}_walk.webp")
+        Image.new("RGB", (8, 8)).save(folder / "figures" / f"{cell.name}_trajectory.webp")
     return folder
 
 
-def keep(monkeypatch: pytest.MonkeyPatch, run: Path, kept: Path) -> None:
-    monkeypatch.setattr(sys, "argv", ["keep_results.py", str(run), str(kept)])
-    runpy.run_path(str(BENCHMARKS / "keep_results.py"), run_name="__main__")
+def export(monkeypatch: pytest.MonkeyPatch, run: Path, out: Path) -> None:
+    monkeypatch.setattr(sys, "argv", ["export_results.py", str(run), str(out)])
+    runpy.run_path(str(BENCHMARKS / "export_results.py"), run_name="__main__")
 
 
-def test_the_grid_that_is_kept_is_whole_and_its_tables_are_those_of_its_cells(monkeypatch, run, tmp_path, capsys):
-    cells = load_results(KEPT).grid.cells()
-    assert [outcome.status for outcome in load_results(KEPT).outcomes()] == ["ok"] * len(cells)
-    keep(monkeypatch, run, tmp_path / "kept")
+def test_committed_grid_is_complete_and_its_tables_match_its_cells(monkeypatch, run, tmp_path, capsys):
+    cells = load_results(COMMITTED).grid.cells()
+    assert [outcome.status for outcome in load_results(COMMITTED).outcomes()] == ["ok"] * len(cells)
+    export(monkeypatch, run, tmp_path / "out")
     assert capsys.readouterr().out.startswith(f"{len(cells)} cells; ")
-    for name in MADE:
-        assert (tmp_path / "kept" / name).read_bytes() == (KEPT / name).read_bytes(), f"{name}: keep the grid again"
-    assert sorted(p.name for p in (tmp_path / "kept").iterdir()) == sorted(
-        p.name for p in KEPT.iterdir() if p.name != "README.md"
+    for name in TABLES:
+        assert (tmp_path / "out" / name).read_bytes() == (COMMITTED / name).read_bytes(), f"{name}: export again"
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == sorted(
+        p.name for p in COMMITTED.iterdir() if p.name != "README.md"
     )
 
 
-def test_half_a_grid_is_not_kept(monkeypatch, run, tmp_path):
+def test_unfinished_grid_is_not_exported(monkeypatch, run, tmp_path):
     next((run / "cells").iterdir()).unlink()
     with pytest.raises(SystemExit, match="69 of 70 cells are finished"):
-        keep(monkeypatch, run, tmp_path / "kept")
-    assert not (tmp_path / "kept").exists()
+        export(monkeypatch, run, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""What a grid refuses before it begins, with the reason: names, numbers, other results, other things behind a name."""
+"""Errors of a grid before it runs: invalid names and values, other results, changed contents behind a name."""
 
 import copy
 import json
@@ -9,10 +9,10 @@ import pytest
 from fake_grid import GRID, NAMES, log, run
 
 from autonerf_lab.benchmark import Grid, load_results, run_grid
-from autonerf_lab.benchmark.fingerprint import identity
+from autonerf_lab.benchmark.fingerprint import grid_fingerprint
 from autonerf_lab.benchmark.grid import load_grid
 from autonerf_lab.benchmark.results import open_results
-from autonerf_lab.benchmark.results_table import collect
+from autonerf_lab.benchmark.results_table import load_results_table
 from autonerf_lab.config import PRESETS
 from autonerf_lab.errors import AutoNerfError, DataError, MissingPackageError, RunFolderError, UnknownNameError
 from autonerf_lab.evaluators import finetuning
@@ -38,7 +38,7 @@ from autonerf_lab.evaluators import finetuning
         ({"scenes": ("NOWHERE.GLB",)}, "NOWHERE.GLB does not exist"),
     ],
 )
-def test_bad_names_fail_before_anything_is_made(tmp_path, change, words):
+def test_invalid_names_fail_before_files_are_written(tmp_path, change, words):
     with pytest.raises(AutoNerfError, match=words):
         run(tmp_path, grid=Grid(**{**GRID.__dict__, **change}))
     assert not (tmp_path / "out").exists() and not (tmp_path / "log").exists()
@@ -55,37 +55,37 @@ def test_bad_names_fail_before_anything_is_made(tmp_path, change, words):
         ({"lpips": "nowhere.safetensors"}, "nowhere.safetensors does not exist"),
     ],
 )
-def test_bad_numbers_fail_before_anything_is_made(tmp_path, arguments, words):
+def test_invalid_values_fail_before_files_are_written(tmp_path, arguments, words):
     with pytest.raises(DataError, match=words):
         run(tmp_path, **arguments)
     assert not (tmp_path / "out").exists()
 
 
-def test_results_do_not_go_into_a_file(tmp_path):
+def test_output_path_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "out").write_text("thesis")
-    with pytest.raises(DataError, match=r"cannot make the folder .*out: File exists"):
+    with pytest.raises(DataError, match=r"cannot create the folder .*out: File exists"):
         run(tmp_path)
     assert (tmp_path / "out").read_text() == "thesis"
 
 
-def test_two_first_starts_of_different_grids_do_not_mix(tmp_path, monkeypatch):
-    """The second comes while the first writes grid.json: it finds the folder locked."""
+def test_simultaneous_starts_of_different_grids_do_not_mix(tmp_path, monkeypatch):
+    """The second run starts before the first has written grid.json and finds the folder locked."""
     from autonerf_lab.benchmark import run as run_module
 
-    def begin(*arguments):
+    def second_start(*arguments):
         monkeypatch.setattr(run_module, "open_results", open_results)
         with pytest.raises(RunFolderError, match="another process"):
             run(tmp_path, grid=Grid(("random",), ("val-3",), 1, preset="smoke"))
         return open_results(*arguments)
 
-    monkeypatch.setattr(run_module, "open_results", begin)
+    monkeypatch.setattr(run_module, "open_results", second_start)
     assert run(tmp_path).grid == GRID == load_results(tmp_path / "out").grid
 
 
-def test_finetuning_needs_its_weights_and_its_packages(tmp_path, monkeypatch):
+def test_finetuning_needs_weights_and_packages(tmp_path, monkeypatch):
     grid = Grid(**{**GRID.__dict__, "optional": ("finetuning",)})
     monkeypatch.setattr(finetuning, "PRETRAINED", tmp_path / "pretrained.safetensors")
-    with pytest.raises(DataError, match=r"pretrained\.safetensors does not exist: `autonerf-lab train-policy --policy"):
+    with pytest.raises(DataError, match=r"pretrained\.safetensors does not exist: train one with `autonerf-lab"):
         run(tmp_path, grid=grid)
     for name in ("pretrained.safetensors", "pretrained.json"):
         (tmp_path / name).write_text("{}")
@@ -94,12 +94,12 @@ def test_finetuning_needs_its_weights_and_its_packages(tmp_path, monkeypatch):
         run(tmp_path, grid=grid)
     assert not (tmp_path / "out").exists()
     monkeypatch.undo()
-    assert "PointGoal" not in identity(GRID)["weights"]
+    assert "PointGoal" not in grid_fingerprint(GRID)["weights"]
 
 
-def test_sizes_of_what_is_not_asked_for_do_not_count(monkeypatch):
+def test_settings_of_unused_tasks_are_not_in_the_fingerprint(monkeypatch):
     def sizes(optional):
-        return identity(replace(GRID, optional=optional))["sizes"]
+        return grid_fingerprint(replace(GRID, optional=optional))["sizes"]
 
     plain, tuned = sizes(()), sizes(("finetuning",))
     other = replace(PRESETS[GRID.preset], finetuning_lr=1e-3)
@@ -109,7 +109,7 @@ def test_sizes_of_what_is_not_asked_for_do_not_count(monkeypatch):
     assert sizes(()) != plain
 
 
-BEHIND = [
+CONTENTS = [
     ("weights", "modular-obs"),
     ("scene_files", "val-0"),
     ("sizes", "smoke"),
@@ -117,10 +117,10 @@ BEHIND = [
 ]
 
 
-@pytest.mark.parametrize(("key", "name"), BEHIND)
-def test_what_is_behind_a_name_must_be_the_same(tmp_path, key, name):
+@pytest.mark.parametrize(("key", "name"), CONTENTS)
+def test_content_behind_a_name_must_be_the_same(tmp_path, key, name):
     grid = Grid(("modular-obs",), ("val-0",), 1, preset="smoke")
-    assert list(identity(grid)[key]) == [name]
+    assert list(grid_fingerprint(grid)[key]) == [name]
     run(tmp_path, grid=grid)
     header = tmp_path / "out/grid.json"
     content = json.loads(header.read_text())
@@ -130,27 +130,27 @@ def test_what_is_behind_a_name_must_be_the_same(tmp_path, key, name):
     words = f"{key.replace('_', ' ')} of {name}: 00000000, not {now[:8]}"
     with pytest.raises(RunFolderError, match=rf"another grid \({words}\)"):
         run(tmp_path, grid=grid)
-    assert collect(load_results(tmp_path / "out")).asked == 1, "it can be read"
+    assert load_results_table(load_results(tmp_path / "out")).cell_count == 1, "reading is allowed"
     other = run_grid(Grid(("modular-obs",), ("val-0",), 1, ("instant-ngp",), "smoke"), tmp_path / "other",
                      function=fake_cell.FUNCTION)  # fmt: skip
-    if key == "settings":  # of another model: nothing in common
-        collect(load_results(tmp_path / "out"), other)
+    if key == "settings":  # the other grid has another model
+        load_results_table(load_results(tmp_path / "out"), other)
     else:
         with pytest.raises(RunFolderError, match=f"differ in {words}; compare"):
-            collect(load_results(tmp_path / "out"), other)
+            load_results_table(load_results(tmp_path / "out"), other)
 
 
-def test_a_scene_is_the_bytes_of_its_file(tmp_path):
+def test_fingerprint_of_a_scene_is_that_of_its_file(tmp_path):
     path = tmp_path / "flat.GLB"
     grid = Grid(("random",), (str(path),), 1, preset="smoke")
     path.write_bytes(b"one")
-    before = identity(grid)
+    before = grid_fingerprint(grid)
     path.write_bytes(b"two")
-    assert list(before["scene_files"]) == ["flat"] and before != identity(grid)
+    assert list(before["scene_files"]) == ["flat"] and before != grid_fingerprint(grid)
     assert grid.checked().scenes == (str(path),)
 
 
-def test_lpips_is_part_of_what_a_grid_is(tmp_path, monkeypatch):
+def test_lpips_weights_are_part_of_the_fingerprint(tmp_path, monkeypatch):
     from autonerf_lab.benchmark import run as run_module
 
     monkeypatch.setattr(run_module, "_checked_weights", lambda file: file[-2:] * 32)
@@ -161,24 +161,24 @@ def test_lpips_is_part_of_what_a_grid_is(tmp_path, monkeypatch):
     run(tmp_path, lpips=tmp_path / "elsewhere" / "01")
 
 
-def test_a_cell_is_given_the_weights_of_lpips(tmp_path, monkeypatch):
+def test_cell_gets_the_lpips_weights(tmp_path, monkeypatch):
     from autonerf_lab import pipeline
     from autonerf_lab.benchmark import cell as cell_module
 
-    def begin(*arguments, options):
-        raise ValueError(f"begun with {options.lpips}")
+    def fail(*arguments, options):
+        raise ValueError(f"called with {options.lpips}")
 
-    monkeypatch.setattr(pipeline, "begin", begin)
+    monkeypatch.setattr(pipeline, "run_pipeline", fail)
     monkeypatch.setattr(cell_module, "Lpips", lambda file, sha256: f"{sha256} of {file}")
     results = open_results(tmp_path / "out", GRID, "0123")
     one, other = (cell_module.run_cell(GRID.cells()[k], results.path, lpips=file) for k, file in enumerate(("w", None)))
-    assert one == "failed: ValueError: begun with 0123 of w" and other == "failed: ValueError: begun with None"
+    assert one == "failed: ValueError: called with 0123 of w" and other == "failed: ValueError: called with None"
 
 
-def test_bad_status_to_retry(tmp_path):
+def test_unknown_status_to_retry(tmp_path):
     with pytest.raises(UnknownNameError, match="valid names: died, failed, oom, timeout") as raised:
         run(tmp_path, retry=["slow"])
-    assert str(copy.copy(raised.value)) == str(raised.value), "a worker process can send it"
+    assert str(copy.copy(raised.value)) == str(raised.value), "the error can be sent by a worker process"
 
 
 def test_results_of_another_grid_or_version_are_refused(tmp_path):
@@ -187,13 +187,13 @@ def test_results_of_another_grid_or_version_are_refused(tmp_path):
         run(tmp_path, grid=Grid(**{**GRID.__dict__, "starts": 3}))
     header = tmp_path / "out/grid.json"
     header.write_text(header.read_text().replace('"package": "', '"package": "9.'))
-    with pytest.raises(RunFolderError, match=r"was made by autonerf-lab 9.*read but not gone on with"):
+    with pytest.raises(RunFolderError, match=r"was made by autonerf-lab 9.*read but not continued"):
         run(tmp_path)
-    assert len(load_results(tmp_path / "out").outcomes()) == len(NAMES), "it can be read"
+    assert len(load_results(tmp_path / "out").outcomes()) == len(NAMES), "reading is allowed"
     with pytest.raises(RunFolderError, match="was made by autonerf-lab 9"):
         load_results(tmp_path / "out", to_run=True)
     header.write_text(header.read_text().replace('"version": 1', '"version": 7'))
-    with pytest.raises(RunFolderError, match="is of format 7"):
+    with pytest.raises(RunFolderError, match="has format 7"):
         load_results(tmp_path / "out")
     header.write_text("{")
     with pytest.raises(DataError, match=r"grid\.json"):
@@ -205,7 +205,7 @@ def test_results_of_another_grid_or_version_are_refused(tmp_path):
     assert len(log(tmp_path)) == len(NAMES)
 
 
-def test_a_grid_is_a_python_file(tmp_path):
+def test_grid_of_a_python_file(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text('from autonerf_lab.benchmark import Grid\nGRID = Grid(("random",), ("dev-0",), 1)\n')
     assert load_grid(str(path)) == Grid(("random",), ("dev-0",), 1)

@@ -1,4 +1,4 @@
-"""Tables say what the cells say, no more: means, intervals, what is best, what is missing, and the paper's figures."""
+"""Tables of a grid: means, intervals, best values, missing values, and the values of the paper."""
 
 import html
 import math
@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from autonerf_lab.benchmark import Grid, Outcome, Results, paper
-from autonerf_lab.benchmark.compare import COLUMNS, compare
+from autonerf_lab.benchmark.compare import METRICS as COMPARED
+from autonerf_lab.benchmark.compare import compare
 from autonerf_lab.benchmark.correlations import pearson
-from autonerf_lab.benchmark.export import publish
-from autonerf_lab.benchmark.paper_tables import TABLES, all_tables, number, table
-from autonerf_lab.benchmark.results_table import collect, paired
+from autonerf_lab.benchmark.export import export_results
+from autonerf_lab.benchmark.paper_tables import TABLES, all_tables, table
+from autonerf_lab.benchmark.results_table import load_results_table, paired_difference
 from autonerf_lab.benchmark.text_table import Entry, Table
 from autonerf_lab.errors import RunFolderError, UnknownNameError
-from autonerf_lab.evaluators.scores import PAPER
+from autonerf_lab.evaluators.metrics import METRICS
 from autonerf_lab.types import Score
 
 MODEL = "semantic-nerfacto"
@@ -40,7 +41,7 @@ def entries(made, row):
 
 
 def test_mean_interval_and_paper_by_hand(tmp_path):
-    found = collect(folder(tmp_path, {"frontier": [19.0, 20.0, 21.0], "modular-obs": [24.0, 25.0, 27.0]}))
+    found = load_results_table(folder(tmp_path, {"frontier": [19.0, 20.0, 21.0], "modular-obs": [24.0, 25.0, 27.0]}))
     made = table("rendering", found)
     assert [row[0].text for row in made.rows] == ["frontier", "modular-obs"]
     # t(0.975, 2) = 4.302653; the standard error of 19, 20, 21 is 1 / sqrt(3)
@@ -57,36 +58,40 @@ def test_mean_interval_and_paper_by_hand(tmp_path):
         ([24.0, 20.1, 21.0], False),  # 5, 0.1, 0: a difference in the mean that the interval does not carry
     ],
 )
-def test_bold_only_where_the_interval_says_so(tmp_path, others, bold):
-    found = collect(folder(tmp_path, {"frontier": [19.0, 20.0, 21.0], "modular-obs": others}))
+def test_bold_only_if_the_interval_excludes_zero(tmp_path, others, bold):
+    found = load_results_table(folder(tmp_path, {"frontier": [19.0, 20.0, 21.0], "modular-obs": others}))
     made = table("rendering", found)
     assert not made.rows[0][1].bold
     assert made.rows[1][1].bold == bold
 
 
-def test_less_is_better_where_it_is(tmp_path):
+def test_lower_is_better_for_lpips(tmp_path):
     values = {"frontier": [0.3, 0.4, 0.5], "modular-obs": [0.1, 0.2, 0.3]}
-    found = collect(folder(tmp_path, values, metric=("rendering", "lpips")))
-    column = next(c for c in paper.RENDERING if c.metric == "lpips")
-    assert found.best(column) == ("modular-obs", MODEL)
+    found = load_results_table(folder(tmp_path, values, metric=("rendering", "lpips")))
+    metric = METRICS["rendering", "lpips"]
+    assert found.best(metric) == ("modular-obs", MODEL)
 
 
 def test_one_scene_has_no_interval_and_no_best(tmp_path):
     grid = Grid(("frontier", "modular-obs"), ("val-0",), 1, preset="smoke")
-    made = table("rendering", collect(folder(tmp_path, {"frontier": [10.0], "modular-obs": [20.0]}, grid)))
+    made = table("rendering", load_results_table(folder(tmp_path, {"frontier": [10.0], "modular-obs": [20.0]}, grid)))
     assert [(row[1].text, row[1].bold) for row in made.rows] == [("10.00", False), ("20.00", False)]
 
 
 def test_nulls_and_failures_are_counted(tmp_path):
-    found = collect(folder(tmp_path, {"frontier": [None, None, None], "modular-obs": [24.0, 26.0, "failed: odd"]}))
+    found = load_results_table(
+        folder(tmp_path, {"frontier": [None, None, None], "modular-obs": [24.0, 26.0, "failed: odd"]})
+    )
     made = table("rendering", found)
     assert made.rows[0][1].text == "null"
     assert made.rows[1][1].text.endswith("(33 % null)") and made.rows[1][1].text.startswith("25.00 ± ")
-    assert [outcome.status for outcome in found.missing] == ["failed: odd"]
+    assert [outcome.status for outcome in found.unfinished] == ["failed: odd"]
 
 
 def test_differences_are_paired(tmp_path):
-    found = collect(folder(tmp_path, {"frontier": [10.0, 20.0, 30.0], "modular-obs": [11.0, 21.1, "oom: 9 GB"]}))
+    found = load_results_table(
+        folder(tmp_path, {"frontier": [10.0, 20.0, 30.0], "modular-obs": [11.0, 21.1, "oom: 9 GB"]})
+    )
     d = found.difference(("modular-obs", MODEL), ("frontier", MODEL), ("rendering", "psnr"))
     assert d.mean == pytest.approx(1.05) and d.scenes == 2
     made = entries(table("differences", found), 0)
@@ -102,7 +107,7 @@ def test_variants_are_compared_with_each_other_only_and_paired(tmp_path):
     for cell in grid.cells():
         value = values[cell.policy, cell.model][int(cell.scene[-1])]
         results.write(Outcome(cell, "ok", (Score("rendering", "psnr", value),), {}))
-    made = table("variants", collect(results))
+    made = table("variants", load_results_table(results))
     assert [row[1].bold for row in made.rows] == [True, False, True], "walks that are not in the table do not count"
     # differences -1, -1, -1.1: their standard deviation is 0.1 / sqrt(3), that of their mean 1 / 30
     assert made.rows[2][1].text == f"-1.03 ± {4.302653 / 30:.2f}"
@@ -111,13 +116,13 @@ def test_variants_are_compared_with_each_other_only_and_paired(tmp_path):
 def test_modular_policies_stand_against_end_to_end_ones_and_the_power_is_said(tmp_path):
     grid = Grid(("modular-cov", "modular-obs", "e2e-nov"), GRID.scenes, 1, preset="smoke")
     values = {"modular-cov": [3.0, 5.0, 4.0], "modular-obs": [4.0, 6.0, 5.2], "e2e-nov": [1.0, 2.0, 3.0]}
-    made = table("differences", collect(folder(tmp_path, values, grid)))
+    made = table("differences", load_results_table(folder(tmp_path, values, grid)))
     assert [row[0].text for row in made.rows] == ["modular-cov − e2e-nov", "modular-obs − e2e-nov"]
     assert entries(made, 0)["PSNR [dB]"].text == f"+2.00 ± {4.302653 / math.sqrt(3):.2f}"  # 2, 3, 1
     halves = [4.302653 * np.std(d, ddof=1) / math.sqrt(3) for d in ([2, 3, 1], [3, 4, 2.2])]
-    assert made.note == f"Smallest difference that 3 scenes could tell (median): PSNR [dB] {np.mean(halves):.2f}."
+    assert made.note == f"Smallest detectable difference with 3 scenes (median): PSNR [dB] {np.mean(halves):.2f}."
     one = Grid(grid.policies, ("val-0",), 1, preset="smoke")
-    alone = table("differences", collect(folder(tmp_path / "one", values, one)))
+    alone = table("differences", load_results_table(folder(tmp_path / "one", values, one)))
     assert alone.rows and not alone.note, "a single scene has no interval"
 
 
@@ -127,39 +132,41 @@ def test_rows_of_two_folders_in_one_table(tmp_path):
         folder(tmp_path / "a", {"frontier": [1.0, 2.0, 3.0], "modular-obs": [2.0, 3.0, 4.0]}),
         folder(tmp_path / "b", {mine.policies[0]: [5.0, 6.0, 7.0]}, mine),
     ]
-    made = table("rendering", collect(*results))
+    made = table("rendering", load_results_table(*results))
     assert [row[0].text for row in made.rows] == ["frontier", "modular-obs", "modular-bumps"]
     with pytest.raises(RunFolderError, match="both hold val-0_frontier_0"):
-        collect(results[0], results[0])
+        load_results_table(results[0], results[0])
     with pytest.raises(RunFolderError, match="several presets"):
-        collect(results[0], folder(tmp_path / "c", {mine.policies[0]: [5.0] * 3}, Grid(mine.policies, mine.scenes, 1)))
+        load_results_table(
+            results[0], folder(tmp_path / "c", {mine.policies[0]: [5.0] * 3}, Grid(mine.policies, mine.scenes, 1))
+        )
     for k, digest in enumerate(("01", "02")):
-        results[k].identity = {"weights": {"modular-obs": digest}}
+        results[k].fingerprint = {"weights": {"modular-obs": digest}}
     with pytest.raises(RunFolderError, match=r"differ in weights of modular-obs: 01, not 02; compare them"):
-        collect(*results)
-    one, two = collect(results[0]), collect(results[1])
-    d = paired(two, two.rows[0], one, one.rows[0], ("rendering", "psnr"))
-    assert (d.mean, d.half) == (4.0, 0.0)
+        load_results_table(*results)
+    one, two = load_results_table(results[0]), load_results_table(results[1])
+    d = paired_difference(two, two.rows[0], one, one.rows[0], ("rendering", "psnr"))
+    assert (d.mean, d.half_width) == (4.0, 0.0)
 
 
 def test_every_table_can_be_made_of_anything(tmp_path):
     grid = Grid(("random", "frontier", "modular-obs"), ("val-0", "val-1"), 2, (MODEL, "instant-ngp"), "smoke")
     results = Results(tmp_path, grid)
-    empty = all_tables(collect(results))
+    empty = all_tables(load_results_table(results))
     assert [t.name for t in empty] == list(TABLES)
     assert all(t.note for t in empty if t.name != "differences")
-    assert table("rendering", collect(results)).rows[0][1].text == "–"
+    assert table("rendering", load_results_table(results)).rows[0][1].text == "–"
     for cell in grid.cells():
         results.write(fake_cell.finished(cell))
-    for made in all_tables(collect(results)):
+    for made in all_tables(load_results_table(results)):
         assert {len(row) for row in made.rows} == {len(made.header)}, made.name
         assert html.escape(made.title) in made.html() and made.name in made.latex() and made.rows[0][0].text
-    variants = table("variants", collect(results))
+    variants = table("variants", load_results_table(results))
     words = [f"{MODEL}, modular-obs", "instant-ngp, modular-obs", f"instant-ngp − {MODEL}, modular-obs"]
     assert [row[0].text for row in variants.rows] == words
     assert [row[2].text for row in variants.rows] == ["25.56", "24.92", "–"]
     with pytest.raises(UnknownNameError, match="correlations"):
-        table("rendring", collect(results))
+        table("rendring", load_results_table(results))
 
 
 def test_correlations_of_the_modular_policies_by_scene(tmp_path):
@@ -172,9 +179,9 @@ def test_correlations_of_the_modular_policies_by_scene(tmp_path):
     for cell in grid.cells():
         x, y = numbers[cell.policy, cell.start]
         results.write(Outcome(cell, "ok", (Score("reward", "cov", x), Score("rendering", "psnr", y)), {}))
-    made = table("correlations", collect(results))
+    made = table("correlations", load_results_table(results))
     assert made.header[:3] == ("", "val-0", "paper 0") and made.note.startswith("0 to 4 points")
-    assert made.note.endswith(f"walks of the modular policies, fields of {MODEL}.")
+    assert made.note.endswith(f"trajectories of the modular policies, fields of {MODEL}.")
     assert [e.text for e in made.rows[0]] == ["PSNR, cov", "1.00", "0.73", "0.77", "0.95", "0.48", "–"]
     assert made.rows[1][1].text == "–"
 
@@ -184,8 +191,8 @@ def test_correlations_of_all_policies_where_there_is_no_modular_one(tmp_path):
     results = Results(tmp_path, grid)
     for k, cell in enumerate(grid.cells()):
         results.write(Outcome(cell, "ok", (Score("reward", "cov", k), Score("rendering", "psnr", k)), {}))
-    made = table("correlations", collect(results))
-    assert made.rows[0][1].text == "1.00" and "0 to 4 points a scene: walks of all policies" in made.note
+    made = table("correlations", load_results_table(results))
+    assert made.rows[0][1].text == "1.00" and "0 to 4 points per scene: trajectories of all policies" in made.note
 
 
 def test_compare_has_every_score_and_refuses_other_presets(tmp_path):
@@ -195,10 +202,10 @@ def test_compare_has_every_score_and_refuses_other_presets(tmp_path):
         made = Results(tmp_path / str(k), GRID)
         for cell in GRID.cells():
             made.write(Outcome(cell, "ok", tuple(Score(*key, 50.0 + k) for key in keys), {}))
-        both.append(collect(made))
+        both.append(load_results_table(made))
     assert [row[1].text for row in compare(*both).rows] == ["+1.0 ± 0.0", "+1.0 ± 0.0"]
-    assert {(c.task, c.metric) for c in COLUMNS} >= {(c.task, c.metric) for c in (*paper.NAVIGATION, *paper.FINETUNING)}
-    with pytest.raises(RunFolderError, match="one folder is of preset smoke, the other of fast"):
+    assert {m.key for m in COMPARED} >= {m.key for m in (*paper.NAVIGATION, *paper.FINETUNING)}
+    with pytest.raises(RunFolderError, match="the first folder has preset smoke, the second fast"):
         compare(both[0], replace(both[1], preset="fast"))
 
 
@@ -209,14 +216,14 @@ def test_compare_has_every_score_and_refuses_other_presets(tmp_path):
         ("failed: " + "x" * 999, "failed: " + "x" * 289 + "..."),
     ],
 )
-def test_a_status_is_a_line_of_letters(tmp_path, said, kept):
+def test_a_status_is_one_printable_line(tmp_path, said, kept):
     results = folder(tmp_path, {"frontier": [said] * 3, "modular-obs": [1.0] * 3})
-    assert collect(results).missing[0].status == kept and len(kept) <= 300
+    assert load_results_table(results).unfinished[0].status == kept and len(kept) <= 300
 
 
 def test_statuses_are_escaped_in_tables(tmp_path):
     results = folder(tmp_path, {"frontier": ["failed: <b>|*a*_b_"] * 3, "modular-obs": [1.0] * 3})
-    publish(results)
+    export_results(results)
     text = (tmp_path / "tables.md").read_text()
     assert r"- val-0\_frontier\_0\_semantic-nerfacto: failed: \<b>\|\*a\*\_b\_" in text.splitlines()
 
@@ -235,13 +242,16 @@ def test_text_is_escaped():
     assert r"\textbf{5 \% $\pm$ 1}" in made.latex() and r"\&\_" in made.latex()
 
 
-def test_figures_of_the_paper_agree_with_those_beside_a_run():
-    """The best of each column, and the frontier row, stand in another module too."""
-    columns = {column.key: column for column in COLUMNS}
-    for key, (best, frontier) in PAPER.items():
-        values = [by[key] for by in paper.BY_POLICY.values() if key in by]
-        assert (max(values) if columns[key].better > 0 else min(values)) == pytest.approx(best)
-        assert paper.BY_POLICY["frontier"].get(key) == (frontier if frontier is None else pytest.approx(frontier))
-    assert number(paper.BY_POLICY["modular-obs"]["pose_refinement", "translation_error_m"], paper.POSE[2]) == "7.65"
+def test_values_of_the_paper_agree_with_the_metric_registry():
+    """The registry has the best value of each metric and that of the frontier policy."""
+    for metric in METRICS.values():
+        if metric.paper is None:
+            continue
+        best, frontier = metric.paper
+        values = [by[metric.key] for by in paper.BY_POLICY.values() if metric.key in by]
+        assert (max(values) if metric.better > 0 else min(values)) == pytest.approx(best)
+        published = paper.BY_POLICY["frontier"].get(metric.key)
+        assert published == (frontier if frontier is None else pytest.approx(frontier))
+    assert paper.POSE[2].format(paper.BY_POLICY["modular-obs"][paper.POSE[2].key]) == "7.65"
     strongest = [r for (reward, _), rs in paper.CORRELATIONS.items() if reward == "obs" for r in rs]
     assert strongest.count("-") == 15 and len(strongest) == 40

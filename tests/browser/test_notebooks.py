@@ -1,4 +1,4 @@
-"""Notebooks as a student meets them: JupyterLab in a browser, all cells run, a slider moved."""
+"""Notebooks in JupyterLab in a browser: run all cells, move a slider, click on a map."""
 
 import base64
 import io
@@ -36,10 +36,10 @@ IMAGE = f"{SLIDER}.closest('.jp-OutputArea-output').querySelector('img.widget-im
 
 
 def run_all(page: Page, address: str) -> None:
-    """Open a notebook, run its cells, and wait until the last is finished."""
+    """Open a notebook, run all cells and wait for the last one."""
     page.send("Page.navigate", url=address)
     wait("the kernel starts", lambda: page.js(f"globalThis.jupyterapp && {KERNEL}?.status == 'idle'"), 120)
-    # open3d imports dash, which calls for its own extension of JupyterLab; nothing here needs that
+    # open3d imports dash, which asks for its JupyterLab extension; it is not needed here
     page.js(f"{KERNEL}.registerCommTarget('dash', () => {{}})")
     page.js(f"jupyterapp.shell.activateById({PANEL}.id)")
     wait("the notebook is in front", lambda: page.js(f"jupyterapp.commands.isEnabled('{RUN_ALL}')"))
@@ -49,7 +49,7 @@ def run_all(page: Page, address: str) -> None:
 
 @contextmanager
 def finished(notebook: Path, folder: Path) -> Iterator[Page]:
-    """The notebook in a browser after all of its cells have run without an error or a warning."""
+    """Yield the page of a notebook after all cells ran without error and warning."""
     (folder / "notebooks").mkdir()
     shutil.copy(notebook, folder / "notebooks")
     lab = open_lab(folder / "notebooks", AUTONERF_LAB_PRESET="smoke")
@@ -60,11 +60,11 @@ def finished(notebook: Path, folder: Path) -> Iterator[Page]:
         assert "Warning" not in "".join(str(output.get("text")) for output in outputs if output.get("name") == "stderr")
         yield page
         outside = [url for url in page.requests if not url.startswith((address.split("/lab/")[0], "data:", "blob:"))]
-        assert outside == [] and page.complaints == []
+        assert outside == [] and page.errors == []
 
 
-def picture(page: Page) -> np.ndarray:
-    """The pixels of the image beside the slider, as the browser has them."""
+def image_pixels(page: Page) -> np.ndarray:
+    """Return the pixels of the image beside the slider, as the browser shows them."""
     data = page.js(
         f"""(async () => {{
             const bytes = new Uint8Array(await (await fetch({IMAGE}.src)).arrayBuffer());
@@ -75,55 +75,55 @@ def picture(page: Page) -> np.ndarray:
 
 
 @pytest.mark.parametrize("notebook", WITH_SLIDERS, ids=lambda path: path.stem)
-def test_a_slider_changes_the_picture(notebook: Path, tmp_path: Path) -> None:
+def test_slider_changes_the_image(notebook: Path, tmp_path: Path) -> None:
     with finished(notebook, tmp_path) as page:
         images = page.js("[...document.querySelectorAll('.jp-RenderedImage img')].map(image => image.naturalWidth)")
         assert len(images) >= 8 and min(images) > 300
-        wait("the picture is there", lambda: page.js(f"{SLIDER} && {IMAGE}.naturalWidth"))
+        wait("the image is shown", lambda: page.js(f"{SLIDER} && {IMAGE}.naturalWidth"))
         page.js(f"{SLIDER}.scrollIntoView({{block: 'center'}})")
-        before = picture(page)
+        before = image_pixels(page)
         x, y, width, height = page.js(f"(b => [b.x, b.y, b.width, b.height])({SLIDER}.getBoundingClientRect())")
         page.click(x + 0.8 * width, y + 0.5 * height)
-        wait("the picture changes", lambda: not np.array_equal(picture(page), before))
-        assert picture(page).std() > 0
+        wait("the image changes", lambda: not np.array_equal(image_pixels(page), before))
+        assert image_pixels(page).std() > 0
 
 
-def test_a_click_on_a_map_moves_the_start_and_the_next_one_the_goal(tmp_path: Path) -> None:
-    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}  # or JupyterLab asks which
+def test_clicks_on_a_map_move_start_and_goal_in_turn(tmp_path: Path) -> None:
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}  # otherwise JupyterLab asks for a kernel
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(ROUTE)], metadata=kernel)
     nbformat.write(notebook, tmp_path / "route.ipynb")
     with finished(tmp_path / "route.ipynb", tmp_path) as page:
-        wait("the picture is there", lambda: page.js(f"{SLIDER} && {IMAGE}?.naturalWidth"))
+        wait("the image is shown", lambda: page.js(f"{SLIDER} && {IMAGE}?.naturalWidth"))
         readouts = f"[...{SLIDER}.closest('.jp-OutputArea-output').querySelectorAll('.widget-readout')]"
         values = f"{readouts}.map(shown => parseFloat(shown.textContent.replace('−', '-')))"
         assert page.js(values)[:4] == [-2.0, -1.5, 2.0, -1.5]
-        assert page.js(f"{IMAGE}.clientWidth <= {IMAGE}.naturalWidth"), "a stretched picture is blurred"
+        assert page.js(f"{IMAGE}.clientWidth <= {IMAGE}.naturalWidth"), "a stretched image is blurred"
         box = f"{IMAGE}.parentElement"
-        assert page.js(f"{box}.scrollWidth == {box}.clientWidth"), "nothing to be scrolled sideways"
+        assert page.js(f"{box}.scrollWidth == {box}.clientWidth"), "no horizontal scrolling"
         for first in (0, 2):
-            before = picture(page)
+            before = image_pixels(page)
             page.js(f"{IMAGE}.scrollIntoView({{block: 'center'}})")
             x, y, width, height = page.js(f"(b => [b.x, b.y, b.width, b.height])({IMAGE}.getBoundingClientRect())")
             page.click(x + 0.5 * width, y + (0.4 + 0.1 * first) * height)
-            wait("the picture changes", lambda before=before: not np.array_equal(picture(page), before))
+            wait("the image changes", lambda before=before: not np.array_equal(image_pixels(page), before))
             found = page.js(values)[first : first + 2]
             assert abs(found[0]) < 0.5 and found[1] == pytest.approx(0.5 - first / 2, abs=0.5)
         assert page.js(f"{IMAGE}.alt").startswith("Figure: ")
-        assert page.js("document.querySelector('.jp-RenderedImage img').naturalWidth") > 300, "a picture stays"
+        assert page.js("document.querySelector('.jp-RenderedImage img').naturalWidth") > 300, "a static image stays"
 
 
-def test_what_a_page_complains_about_and_asks_for_is_noticed(tmp_path: Path) -> None:
+def test_errors_and_requests_of_a_page_are_recorded(tmp_path: Path) -> None:
     script = (
         "console.error('oh'); fetch('http://127.0.0.1:9/x').catch(() => 0); setTimeout(() => { throw Error('no') })"
     )
     with open_page(tmp_path) as page:
         page.send("Page.navigate", url=f"data:text/html,<script>{script}</script>")
-        wait("the page has complained", lambda: page.js("1") and len(page.complaints) >= 3)
-        assert "oh" in page.complaints and any("Error: no" in text for text in page.complaints)
+        wait("the page reports errors", lambda: page.js("1") and len(page.errors) >= 3)
+        assert "oh" in page.errors and any("Error: no" in text for text in page.errors)
         assert "http://127.0.0.1:9/x" in page.requests
 
 
-def test_without_a_browser_the_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_browser_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     with pytest.raises(AssertionError, match="install the Debian package chromium"):
         chromium.chromium()

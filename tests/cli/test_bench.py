@@ -1,4 +1,4 @@
-"""``autonerf-lab bench`` from the command line: what it prints, what it refuses, and the page it writes."""
+"""``autonerf-lab bench``: output, errors and report."""
 
 import re
 
@@ -24,13 +24,15 @@ def bench(*arguments):
     return cli.main(["bench", *map(str, arguments)])
 
 
-def test_dry_run_costs_nothing_and_knows_what_is_done(results, tmp_path, capsys):
+def test_dry_run_estimates_the_unfinished_cells(results, tmp_path, capsys):
     words = ("run", "--policies", "random,frontier,modular-obs", "--scenes", "val-0,val-1", "--starts", 2, "--out")
     assert bench(*words, tmp_path / "new", "--dry-run", "--workers", 2, "--preset", "fast") == 0
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "val-0_random_0_semantic-nerfacto"
     assert printed[-2] == "12 cells, 12 to run, 2 at a time"
-    assert re.fullmatch(r"about 0\.5 hours and 0\.\d\d GB, from a cell of 150 s on two cores .*", printed[-1])
+    assert re.fullmatch(
+        r"about 0\.5 hours and 0\.\d\d GB, from a cell of 150 s on two otherwise idle cores", printed[-1]
+    )
     assert not (tmp_path / "new").exists()
     results.discard(results.outcomes()[:10])
     assert bench(*words, results.path, "--dry-run", "--preset", "fast") == 0
@@ -39,10 +41,10 @@ def test_dry_run_costs_nothing_and_knows_what_is_done(results, tmp_path, capsys)
     assert printed[-1].startswith("about 0.1 hours and ") and printed[-1].endswith("from 2 finished cells: 36 s each")
     assert printed[11].endswith("finished")
     assert bench(*words, results.path, "--dry-run", "--preset", "fast", "--workers", 2) == 0
-    assert "about 0.1 hours" in capsys.readouterr().out, "they ran as many at a time, and shared the cores"
+    assert "about 0.1 hours" in capsys.readouterr().out, "the finished cells count as run with two workers"
 
 
-def test_dry_run_is_about_what_would_be_run(results, capsys):
+def test_dry_run_respects_retry(results, capsys):
     words = ("run", "--policies", "random,frontier,modular-obs", "--scenes", "val-0,val-1", "--starts", 2, "--preset",
              "fast", "--dry-run", "--out", results.path)  # fmt: skip
     for cell, status in zip(results.grid.cells(), ("failed: odd", "timeout: 9 s"), strict=False):
@@ -51,19 +53,22 @@ def test_dry_run_is_about_what_would_be_run(results, capsys):
         assert bench(*words, *more) == 0
         printed = capsys.readouterr().out.splitlines()
         assert f"12 cells, {count} to run" in printed[-2]
-        assert printed[-1].startswith("about" if count else "nothing is left to run")
+        assert printed[-1].startswith("about" if count else "all cells are finished")
     assert printed[0].endswith("semantic-nerfacto") and printed[2].endswith("finished")
 
 
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (("--models", "instant-ngp"), "no cell of instant-ngp was measured in preset fast yet"),
-        (("--preset", "paper"), "no cell of semantic-nerfacto was measured in preset paper yet"),
-        (("--optional", "navigation"), "no cell of semantic-nerfacto with navigation was measured in preset fast yet"),
+        (("--models", "instant-ngp"), "no estimate: no finished cell of instant-ngp in preset fast; run one first"),
+        (("--preset", "paper"), "no estimate: no finished cell of semantic-nerfacto in preset paper; run one first"),
+        (
+            ("--optional", "navigation"),
+            "no finished cell of semantic-nerfacto with navigation in preset fast; run one first",
+        ),
     ],
 )
-def test_dry_run_does_not_guess(more, words, tmp_path, capsys):
+def test_dry_run_without_measurements_gives_no_estimate(more, words, tmp_path, capsys):
     chosen = () if "--preset" in more else ("--preset", "fast")
     assert bench("run", "--policies", "random", *chosen, *more, "--dry-run", "--out", tmp_path / "out") == 0
     assert words in capsys.readouterr().out
@@ -86,15 +91,15 @@ def test_dry_run_of_a_damaged_or_other_folder_is_an_error(results, capsys):
         (["--policies", "random", "--models", "gauss"], "unknown model 'gauss'"),
         (["--policies", "random", "--preset", "fats"], "unknown preset 'fats'"),
         (["--grid", "papers"], "unknown grid 'papers'; valid names: FILE.py, paper"),
-        (["--grid", "paper", "--starts", "2"], "leave --starts out"),
-        ([], "name the --policies"),
+        (["--grid", "paper", "--starts", "2"], "remove --starts"),
+        ([], "no policies: give --policies"),
         (["--policies", "random", "--lpips-weights", "nowhere.safetensors"], "nowhere.safetensors does not exist"),
         (["--policies", "random", "--lpips-sha256", "00"], "give --lpips-weights too"),
         (["--policies", "random", "--workers", "-1"], "workers must be a whole number"),
         (["--policies", "random", "--timeout", "0"], "timeout must be more than 0"),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_is_made(arguments, words, tmp_path, capsys):
+def test_invalid_arguments_give_a_one_line_error_and_no_files(arguments, words, tmp_path, capsys):
     assert bench("run", *arguments, "--out", tmp_path / "out") == 1
     error = capsys.readouterr().err
     assert error.startswith("error: ") and words in error and error.count("\n") == 1
@@ -113,7 +118,7 @@ def test_compare(results, tmp_path, capsys):
     assert "holds no results" in capsys.readouterr().err
 
 
-def test_report_is_one_page_that_needs_nothing(results, capsys):
+def test_report_is_self_contained(results, capsys):
     assert bench("report", results.path) == 0
     path = results.path / "report.html"
     assert capsys.readouterr().out.strip() == str(path)
@@ -125,7 +130,7 @@ def test_report_is_one_page_that_needs_nothing(results, capsys):
     assert "12 of 12 cells" in page and "Worst" in page
 
 
-def test_report_says_what_went_wrong(results):
+def test_report_lists_failed_cells(results):
     from autonerf_lab.benchmark import Outcome
     from autonerf_lab.benchmark.report import render
 

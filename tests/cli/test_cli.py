@@ -1,4 +1,4 @@
-"""The command line: quick to answer, one line an error, and exit codes that a script can use."""
+"""Command line: help, errors and exit codes."""
 
 import subprocess
 import sys
@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from autonerf_lab import cli, pipeline
+from autonerf_lab import __version__, cli, pipeline
 from autonerf_lab.errors import DataError
 
 COMMANDS = (
     "demo",
     "scenes",
     "explore",
+    "play",
     "fit",
     "evaluate",
     "mesh",
@@ -21,6 +22,7 @@ COMMANDS = (
     "point-cloud",
     "video",
     "view",
+    "train-policy",
     "rewards",
     "bench",
 )
@@ -32,12 +34,12 @@ def run(*arguments, cwd=None):
     )
 
 
-def test_help_answers_at_once():
+def test_help_is_fast():
     started = time.perf_counter()
     result = run("--help")
     assert result.returncode == 0
     assert all(command in result.stdout for command in COMMANDS)
-    assert time.perf_counter() - started < 10  # it takes a fifth of a second; a heavy import takes several
+    assert time.perf_counter() - started < 10  # typically 0.5 s; a heavy import takes several seconds
 
 
 def test_help_imports_nothing_heavy():
@@ -50,7 +52,7 @@ def test_help_imports_nothing_heavy():
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_itself(command, capsys):
+def test_every_command_has_help(command, capsys):
     with pytest.raises(SystemExit) as stopped:
         cli.main([command, "--help"])
     assert stopped.value.code == 0
@@ -72,6 +74,9 @@ def test_every_command_explains_itself(command, capsys):
         (["report", "nowhere"], "nowhere holds no run"),
         (["scenes", "show", "val-9"], "unknown scene 'val-9'"),
         (["scenes", "generate", "1", "--out", "apartment.txt"], "apartment.txt"),
+        (["demo", "--steps", "0"], "steps must be more than 0 and less than 1048576, not 0"),
+        (["demo", "--fov", "180"], "hfov_deg must be more than 0 and less than 180, not 180.0"),
+        (["explore", "--map-size", "10", "--out", "x"], "map_size must be more than 40"),
     ],
 )
 def test_error_is_one_line_and_exit_code_one(arguments, words, capsys, tmp_path, monkeypatch):
@@ -83,29 +88,35 @@ def test_error_is_one_line_and_exit_code_one(arguments, words, capsys, tmp_path,
     assert not list(Path().iterdir())
 
 
-def test_debug_shows_where_it_came_from(capsys):
+def test_debug_shows_the_traceback(capsys):
     assert cli.main(["fit", "nowhere", "--debug"]) == 1
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys):
+def test_ctrl_c_says_how_to_continue(monkeypatch, capsys):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "begin", interrupted)
+    monkeypatch.setattr(pipeline, "run_pipeline", interrupted)
     assert cli.main(["demo"]) == 130
-    assert "the same command goes on" in capsys.readouterr().err
+    assert "run the same command again" in capsys.readouterr().err
+
+
+def test_version(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"autonerf-lab {__version__}\n"
+    assert run("--version").returncode == 0
 
 
 def test_wrong_arguments_are_exit_code_two():
     assert run("dmeo").returncode == 2
 
 
-def test_full_disk_is_said_in_one_line(monkeypatch, capsys):
+def test_full_disk_is_a_one_line_error(monkeypatch, capsys):
     def full(*args, **kwargs):
         raise DataError("cannot write runs/demo/run.json: No space left on device; free some space")
 
-    monkeypatch.setattr(pipeline, "begin", full)
+    monkeypatch.setattr(pipeline, "run_pipeline", full)
     assert cli.main(["demo"]) == 1
     assert "No space left" in capsys.readouterr().err
 
@@ -116,11 +127,11 @@ def test_scenes_list(capsys):
     assert len(names) == 35 and {"train-24", "dev-4", "val-0"} <= set(names)
 
 
-def test_scene_goes_out_and_comes_back(tmp_path, capsys):
-    spec, glb, picture = (str(tmp_path / name) for name in ("a.json", "a.glb", "a.png"))
+def test_scene_is_exported_and_imported(tmp_path, capsys):
+    spec, glb, image = (str(tmp_path / name) for name in ("a.json", "a.glb", "a.png"))
     assert cli.main(["scenes", "generate", "7", "--out", spec]) == 0
-    assert cli.main(["scenes", "show", spec, "--out", picture]) == 0
-    assert Path(picture).read_bytes().startswith(b"\x89PNG")
+    assert cli.main(["scenes", "show", spec, "--out", image]) == 0
+    assert Path(image).read_bytes().startswith(b"\x89PNG")
     assert cli.main(["scenes", "export", spec, "--out", glb]) == 0
     assert cli.main(["scenes", "import", glb]) == 0
     assert "triangles" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""The exercises of the course: every solution is right, every typical mistake gets its own hint, and nothing raises."""
+"""Exercises of the course: solutions are right, mistakes get their own hints, and the checker never raises."""
 
 import re
 from pathlib import Path
@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from autonerf_lab import course
-from autonerf_lab.course.checker import OPEN, RIGHT, WRONG, Case, Exercise, Mistake, Verdict
+from autonerf_lab.course.checker import NOT_ATTEMPTED, RIGHT, WRONG, Case, Exercise, Mistake, Verdict
 from autonerf_lab.errors import UnknownNameError
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 EXERCISES = list(course.EXERCISES.values())
-EVIL = "<img src=x onerror=alert(1)>"
+HTML = "<img src=x onerror=alert(1)>"
 DOUBLE = Exercise(
     "double",
     "Double it.",
@@ -26,8 +26,8 @@ DOUBLE = Exercise(
 @pytest.mark.parametrize("exercise", EXERCISES, ids=lambda e: e.name)
 def test_every_exercise(exercise):
     assert exercise.check(exercise.solution) and exercise.check(exercise.solution).status == RIGHT
-    assert exercise.check(None).status == exercise.check(...).status == OPEN
-    assert exercise.check(lambda *args: ...).status == exercise.check(lambda *args: None).status == OPEN
+    assert exercise.check(None).status == exercise.check(...).status == NOT_ATTEMPTED
+    assert exercise.check(lambda *args: ...).status == exercise.check(lambda *args: None).status == NOT_ATTEMPTED
     hints = [mistake.hint for mistake in exercise.mistakes]
     assert len(set(hints)) == len(hints) >= 4
     for mistake in exercise.mistakes:
@@ -40,18 +40,18 @@ def test_every_exercise(exercise):
 
 
 @pytest.mark.parametrize("exercise", EXERCISES, ids=lambda e: e.name)
-def test_whatever_is_handed_over_gets_an_answer(exercise):
+def test_any_answer_gets_a_verdict(exercise):
     def fails(*args):
-        raise RuntimeError(EVIL)
+        raise RuntimeError(HTML)
 
     verdict = exercise.check(fails)
-    assert verdict.status == WRONG and f"RuntimeError: {EVIL}" in verdict.text and "Hint" not in verdict.text
-    assert EVIL not in verdict._repr_html_() and "&lt;img" in verdict._repr_html_()
+    assert verdict.status == WRONG and f"RuntimeError: {HTML}" in verdict.text and "Hint" not in verdict.text
+    assert HTML not in verdict._repr_html_() and "&lt;img" in verdict._repr_html_()
     assert exercise.check(3.5).status == exercise.check("text").status == WRONG
-    assert exercise.check(lambda *args: EVIL).status == exercise.check(lambda *args: object()).status == WRONG
+    assert exercise.check(lambda *args: HTML).status == exercise.check(lambda *args: object()).status == WRONG
 
 
-def test_names_are_shown_as_code():
+def test_names_in_backquotes_are_shown_as_code():
     shown = [Verdict("one", WRONG, text)._repr_html_() for text in ("use `there`, `<b>`", "one ` alone")]
     assert "use <code>there</code>, <code>&lt;b&gt;</code><" in shown[0] and "one ` alone<" in shown[1]
     texts = [text for one in EXERCISES for text in (one.question, *(mistake.hint for mistake in one.mistakes))]
@@ -59,7 +59,7 @@ def test_names_are_shown_as_code():
 
 
 @pytest.mark.parametrize("name", course.EXERCISES)
-def test_every_exercise_is_asked_in_the_notebook_that_its_name_begins_with(name):
+def test_every_exercise_is_in_the_notebook_of_its_number(name):
     (notebook,) = NOTEBOOKS.glob(f"{name.split('-')[0]}_*.ipynb")
     cells = [cell.source for cell in nbformat.read(notebook, as_version=4).cells]
     assert any(f"**Exercise `{name}`.**" in cell for cell in cells)
@@ -67,25 +67,23 @@ def test_every_exercise_is_asked_in_the_notebook_that_its_name_begins_with(name)
     assert f'course.solution("{name}")' in cells
 
 
-def test_a_name_that_does_not_exist():
+def test_an_unknown_name_lists_the_exercises():
     with pytest.raises(UnknownNameError, match=r"unknown exercise '01-nothing'; valid names: .*01-heading"):
         course.check("01-nothing", None)
 
 
-def test_a_wrong_answer_is_shown_where_it_fails():
+def test_a_wrong_answer_is_shown_its_first_failed_case():
     assert DOUBLE.check(lambda x: 2 * x).status == RIGHT
-    assert repr(DOUBLE.check(lambda x: x**2)) == (
-        "double: not yet. With three: expected 6, and your answer is 9.\nHint: A square."
-    )
-    assert DOUBLE.check(lambda x: x + 3).text == "With an array: expected [2 4], and your answer is [4 5]."
+    assert repr(DOUBLE.check(lambda x: x**2)) == ("double: not yet. For three: expected 6, got 9.\nHint: A square.")
+    assert DOUBLE.check(lambda x: x + 3).text == "For an array: expected [2 4], got [4 5]."
     assert DOUBLE.check(lambda x: 6 if isinstance(x, int) else np.zeros((2, 2))).text == (
-        "With an array: expected an array of shape (2,), and yours has (2, 2)."
+        "For an array: expected an array of shape (2,), got shape (2, 2)."
     )
-    assert DOUBLE.check(lambda x: 6 if isinstance(x, int) else None).status == WRONG  # a return is missing
-    assert DOUBLE.check(6).text == "Hand over the function itself, without calling it."
+    assert DOUBLE.check(lambda x: 6 if isinstance(x, int) else None).status == WRONG  # missing return statement
+    assert DOUBLE.check(6).text == "Pass the function itself, without calling it."
 
 
-def test_an_answer_may_write_to_what_it_is_given():
+def test_an_answer_may_modify_its_arguments():
     def in_place(x):
         x *= 2
         return x
@@ -93,7 +91,7 @@ def test_an_answer_may_write_to_what_it_is_given():
     assert DOUBLE.check(in_place) and DOUBLE.check(in_place)
 
 
-def test_a_value_may_be_asked_for():
+def test_an_answer_may_be_a_value():
     area = Exercise("area", "Cells in a square metre.", (Case("", (), 400),), lambda: 400, ())
-    assert area.check(400) and area.check(...).status == OPEN
-    assert area.check(20).text == "expected 400, and your answer is 20."
+    assert area.check(400) and area.check(...).status == NOT_ATTEMPTED
+    assert area.check(20).text == "expected 400, got 20."

@@ -1,4 +1,4 @@
-"""What :func:`load_dataset` refuses: always a DataError that names the file or the frame."""
+"""Invalid input of :func:`load_dataset`: always a DataError that names the file or the frame."""
 
 import copy
 import json
@@ -97,8 +97,8 @@ def test_a_damaged_image_is_named(capture, damage):
 
 
 @pytest.mark.parametrize("side", [10000, 30000])
-def test_a_bomb_is_refused_from_its_header(capture, side):
-    """Pillow warns of the one and raises on the other; both are refused, though the announced shape agrees."""
+def test_a_decompression_bomb_is_refused_by_its_header(capture, side):
+    """Pillow warns about the smaller one and raises for the larger one; both are refused."""
     data = bytearray((capture / "a.png").read_bytes())
     data[16:24] = side.to_bytes(4, "big") * 2
     data[29:33] = zlib.crc32(data[12:29]).to_bytes(4, "big")
@@ -112,7 +112,7 @@ JUNK = [None, True, 0, -1, 1e-320, 1e308, 10**30, float("nan"), float("inf"), ""
 
 
 def _mutate(value, rng):
-    """Replace, remove or double something somewhere."""
+    """Replace, remove or duplicate a random value."""
     holders = [value]
     for holder in holders:
         children = holder.values() if isinstance(holder, dict) else holder
@@ -150,7 +150,7 @@ def test_mutated_files_raise_nothing_but_data_error(capture):
             data = load_dataset(capture)
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", "the lens model folds back")
-                assert all(np.isfinite(camera.directions()).all() for camera in data.cameras)
+                assert all(np.isfinite(camera.directions()).all() for camera in data.intrinsics)
             data.split()
             outcomes[True] += 1
         except DataError as error:
@@ -160,7 +160,7 @@ def test_mutated_files_raise_nothing_but_data_error(capture):
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "null", '{"frames": [' + "[" * 100000, '{"w": ' + "9" * 5000 + "}"])
-def test_what_is_no_json_object_is_named(capture, text):
+def test_invalid_json_is_named(capture, text):
     (capture / "transforms.json").write_text(text)
     with pytest.raises(DataError, match=r"transforms\.json"):
         load_dataset(capture)

@@ -1,4 +1,4 @@
-"""The environments: what every one must do, and values worked by hand."""
+"""Environments: conformance of all of them, and values computed by hand."""
 
 import math
 from functools import partial
@@ -8,24 +8,25 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.utils.env_checker import check_env
-from toy_scene import empty_room, of_toy, two_rooms
+from toy_scene import empty_room, to_scene, two_rooms
 
 from autonerf_lab.envs import ENVS
 from autonerf_lab.envs.explore import ExploreEnv, local_window
 from autonerf_lab.envs.pointgoal import STOP, PointGoalEnv
 from autonerf_lab.envs.waypoint import WaypointEnv
 from autonerf_lab.errors import RewardError, UnknownNameError
+from autonerf_lab.exploration import MAP_SIZE
 from autonerf_lab.geometry import planar_from_pose, planar_pose
 from autonerf_lab.mapping import empty_map
-from autonerf_lab.policies.interfaces import FOLLOW_STEPS, CompactView, PaperView, global_input, window_of
+from autonerf_lab.policies.interfaces import FOLLOW_STEPS, CompactInterface, PaperInterface, stack_maps, window_slices
 from autonerf_lab.policies.modular import Modular
 from autonerf_lab.policies.networks import CompactNetwork
-from autonerf_lab.simulator import Noise
+from autonerf_lab.simulator import MotionNoise
 from autonerf_lab.types import Action
 
 SMALL = {
     "Explore": {"size": 16, "window": 60},
-    "Waypoint": {"size": 16, "view": PaperView(60)},
+    "Waypoint": {"size": 16, "interface": PaperInterface(60)},
     "Egocentric": {"size": 16},
     "PointGoal": {"size": 16},
 }
@@ -33,7 +34,7 @@ SMALL = {
 
 @pytest.fixture(scope="module")
 def scene():
-    return of_toy(two_rooms())
+    return to_scene(two_rooms())
 
 
 def small(name: str) -> dict:
@@ -41,15 +42,15 @@ def small(name: str) -> dict:
 
 
 def play(env: gymnasium.Env, seed: int, steps: int = 4) -> list[np.ndarray]:
-    """Everything an agent gets to see of an episode."""
+    """Return all observations and rewards of an episode of random actions."""
     rng = np.random.default_rng(seed)
     env.action_space.seed(int(rng.integers(1000)))
     observation, _ = env.reset(seed=seed)
-    seen = [np.asarray(v, dtype=float).ravel() for v in observation.values()]
+    obs = [np.asarray(v, dtype=float).ravel() for v in observation.values()]
     for _ in range(steps):
         observation, reward, *_ = env.step(env.action_space.sample())
-        seen += [np.asarray(v, dtype=float).ravel() for v in observation.values()] + [np.array([reward])]
-    return seen
+        obs += [np.asarray(v, dtype=float).ravel() for v in observation.values()] + [np.array([reward])]
+    return obs
 
 
 @pytest.mark.parametrize("name", ENVS)
@@ -58,29 +59,39 @@ class TestEvery:
         env = gymnasium.make(name, scene=scene, render_mode="rgb_array", **small(name))
         check_env(env.unwrapped)
 
-    def test_is_made_by_its_bare_name_in_training_scenes(self, name):
+    def test_the_defaults_use_the_training_scenes(self, name):
         env = gymnasium.make(name)
-        env.unwrapped._rgb = False  # colours would bake the scene's texture
-        seen = {env.unwrapped.reset(seed=seed)[1]["scene"] for seed in range(3)}
-        assert len(seen) > 1 and all(scene.startswith("train-") for scene in seen)
+        env.unwrapped._rgb = False  # color images would bake the texture of the scene
+        obs = {env.unwrapped.reset(seed=seed)[1]["scene"] for seed in range(3)}
+        assert len(obs) > 1 and all(scene.startswith("train-") for scene in obs)
 
-    def test_same_seed_same_episode_through_wrappers(self, name, scene):
-        made = partial(gymnasium.make, name, scene=[scene, scene], noise=Noise(True, True), **small(name))
+    def test_equal_seeds_give_equal_episodes_with_wrappers(self, name, scene):
+        made = partial(gymnasium.make, name, scene=[scene, scene], noise=MotionNoise(True, True), **small(name))
         plain, wrapped = made(), gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.wrappers.TimeLimit(made(), 9))
         for a, b in zip(play(plain, 5), play(wrapped, 5), strict=True):
             np.testing.assert_array_equal(a, b)
         assert any((a != b).any() for a, b in zip(play(plain, 5), play(plain, 6), strict=True))
 
-    def test_shows_the_robots_view(self, name, scene):
+    def test_renders_the_robots_view(self, name, scene):
         env = gymnasium.make(name, scene=scene, render_mode="rgb_array", **small(name))
         env.reset(seed=0)
-        picture = env.render()
-        assert picture.shape == (16, 16, 3) and picture.std() > 1
+        image = env.render()
+        assert image.shape == (16, 16, 3) and image.dtype == np.uint8 and image.std() > 1
 
-    def test_wrong_names_are_told_at_once(self, name, scene):
+    def test_videos_are_recorded(self, name, scene, tmp_path):
+        pytest.importorskip("moviepy")
+        env = gymnasium.make(name, scene=scene, render_mode="rgb_array", max_steps=3, **small(name))
+        env = gymnasium.wrappers.RecordVideo(env, str(tmp_path / "videos"), episode_trigger=lambda episode: True)
+        env.reset(seed=0)
+        while not any(env.step(env.action_space.sample())[2:4]):
+            pass
+        env.close()
+        assert [path.suffix for path in (tmp_path / "videos").iterdir()] == [".mp4"]
+
+    def test_unknown_names_are_refused(self, name, scene):
         with pytest.raises(UnknownNameError, match="valid names"):
             gymnasium.make(name, scene=["train-00", "nowhere-1"])
-        with pytest.raises(ValueError, match="at least one"):
+        with pytest.raises(ValueError, match="at least one scene"):
             gymnasium.make(name, scene=[])
         with pytest.raises(ValueError, match="ansi"):
             load_env_creator(ENVS[name])(scene=scene, render_mode="ansi")
@@ -92,23 +103,23 @@ class TestEvery:
             [partial(gymnasium.make, f"autonerf_lab:{name}", **options)] * 2, context="spawn"
         )
         try:
-            seen, _ = both.reset(seed=[3, 4])
+            obs, _ = both.reset(seed=[3, 4])
             for seed in (3, 4):
                 expected, _ = here.reset(seed=seed)
                 for key, value in expected.items():
-                    np.testing.assert_array_equal(seen[key][seed - 3], value)
+                    np.testing.assert_array_equal(obs[key][seed - 3], value)
             assert both.step(both.action_space.sample())[1].shape == (2,)
         finally:
             both.close()
 
 
 @pytest.mark.parametrize("kind", [ExploreEnv, WaypointEnv])
-def test_a_wrong_reward_is_told_at_once(kind, scene):
+def test_an_unknown_reward_is_refused(kind, scene):
     with pytest.raises(UnknownNameError, match="valid names"):
         kind(scene=scene, reward="none")
 
 
-def test_reward_is_the_growth_of_the_map_and_time_ends_the_episode(scene):
+def test_the_reward_is_the_new_area_and_the_episode_is_truncated(scene):
     env = gymnasium.make("AutoNeRF/Explore-v0", scene=scene, size=16, max_steps=5, rgb=False)
     _, info = env.reset(seed=0)
     for step in range(5):
@@ -121,7 +132,7 @@ def test_reward_is_the_growth_of_the_map_and_time_ends_the_episode(scene):
     assert not observation["rgb"].any()
 
 
-def test_a_reward_with_memory_is_reset(scene):
+def test_a_reward_with_state_is_reset(scene):
     class Constant:
         resets = 0
 
@@ -139,7 +150,7 @@ def test_a_reward_with_memory_is_reset(scene):
     assert env.step(np.int64(1))[1] == 2.0
 
 
-def test_terms_of_a_sum_are_told_and_add_up_along_a_waypoint(scene):
+def test_the_terms_of_a_sum_are_in_info_and_add_up_along_a_waypoint(scene):
     for kind, action in ((ExploreEnv, np.int64(1)), (WaypointEnv, np.ones(2, np.float32))):
         env = kind(scene=scene, reward="cov+0.5*nov", size=16)
         assert env.reset(seed=0)[1]["reward_terms"] == {"cov": 0, "nov": 0}
@@ -151,37 +162,37 @@ def test_terms_of_a_sum_are_told_and_add_up_along_a_waypoint(scene):
     assert "reward_terms" not in plain.reset(seed=0)[1]
 
 
-def test_only_a_privileged_reward_is_shown_the_scene(scene):
-    class Shown:
+def test_a_privileged_reward_gets_reference_observations(scene):
+    class Privileged:
         references = 30
 
         def reset(self, rng):
-            self.places = None
+            self.references_seen = None
 
-        def show(self, observations):
-            assert self.places is None, "reset comes first"
-            self.places = observations
+        def set_references(self, observations):
+            assert self.references_seen is None, "reset comes first"
+            self.references_seen = observations
 
         def __call__(self, transition):
             return 0.0
 
-    shown = [Shown(), Shown()]
+    shown = [Privileged(), Privileged()]
     for reward in shown:
         env = ExploreEnv(scene=scene, reward=reward, size=16, window=60)
         env.reset(seed=3)
-        assert len(reward.places) == 30
-        for place in reward.places:
+        assert len(reward.references_seen) == 30
+        for place in reward.references_seen:
             x, y, _ = planar_from_pose(place.pose)
             assert env.sim.navigation.is_navigable(x, y)
             np.testing.assert_array_equal(place.rgb, env.sim.render(place.pose).rgb)
             np.testing.assert_array_equal(place.depth, env.sim.render(place.pose).depth)
-    headings = np.array([planar_from_pose(place.pose)[2] for place in shown[0].places])
-    assert headings.min() < -1 and headings.max() > 1  # anywhere, and not where the robot is
-    for a, b in zip(*(reward.places for reward in shown), strict=True):
+    headings = np.array([planar_from_pose(place.pose)[2] for place in shown[0].references_seen])
+    assert headings.min() < -1 and headings.max() > 1  # independent of the robot's pose
+    for a, b in zip(*(reward.references_seen for reward in shown), strict=True):
         np.testing.assert_array_equal(a.pose, b.pose)
 
 
-def test_a_reward_that_fails_is_named_with_the_step(scene):
+def test_errors_of_a_reward_name_the_reward_and_the_step(scene):
     def broken(transition):
         raise KeyError("sofa")
 
@@ -205,19 +216,19 @@ def test_the_whole_map_is_pooled_by_its_maximum():
     state = empty_map(planar_pose(0, 0, 0), size=30, cell=1.0)
     state.occupied[0, 29] = state.semantics[2, 15, 14] = state.viewpoints[7, 29, 0] = True
     state.occupied[15, 16] = True
-    seen = global_input(state, 10, viewpoints=True)
-    assert seen.shape == (48, 10, 10) and seen.dtype == np.uint8
-    assert np.argwhere(seen[4]).tolist() == [[0, 9], [5, 5]]  # occupied, whole map
-    assert np.argwhere(seen[8 + 2]).tolist() == [[5, 4]]  # class 3, around the robot at row and column 15
-    assert np.argwhere(seen[8 + 15]).tolist() == [[5, 6]]  # occupied, and nobody knows by what
-    assert np.argwhere(seen[24 + 12 + 7]).tolist() == [[9, 0]]
-    assert np.argwhere(seen[2]).tolist() == [[5, 5]] == np.argwhere(seen[6]).tolist()
+    obs = stack_maps(state, 10, viewpoints=True)
+    assert obs.shape == (48, 10, 10) and obs.dtype == np.uint8
+    assert np.argwhere(obs[4]).tolist() == [[0, 9], [5, 5]]  # occupied, whole map
+    assert np.argwhere(obs[8 + 2]).tolist() == [[5, 4]]  # class 3, around the robot at row and column 15
+    assert np.argwhere(obs[8 + 15]).tolist() == [[5, 6]]  # occupied, without a class
+    assert np.argwhere(obs[24 + 12 + 7]).tolist() == [[9, 0]]
+    assert np.argwhere(obs[2]).tolist() == [[5, 5]] == np.argwhere(obs[6]).tolist()
 
 
 def test_a_waypoint_is_reached_and_its_rewards_add_up():
-    env = WaypointEnv(scene=of_toy(empty_room(8.0, 8.0)), size=32, view=PaperView(120))
+    env = WaypointEnv(scene=to_scene(empty_room(8.0, 8.0)), size=32, interface=PaperInterface(120))
     env.reset(seed=2)
-    rows, cols = window_of(env.map, 120)
+    rows, cols = window_slices(env.map, 120)
     target = np.array([4.0, 4.0])
     corner = env.map.origin + np.array([cols.start, rows.start]) * env.map.cell
     before = env.map.explored.sum()
@@ -227,67 +238,67 @@ def test_a_waypoint_is_reached_and_its_rewards_add_up():
         assert info["waypoint"] == pytest.approx(target, abs=1e-4)
         assert reward == pytest.approx((env.map.explored.sum() - before) * env.map.cell**2)
         before = env.map.explored.sum()
-        rows, cols = window_of(env.map, 120)
+        rows, cols = window_slices(env.map, 120)
         corner = env.map.origin + np.array([cols.start, rows.start]) * env.map.cell
     assert np.linalg.norm(env.sim.pose[:2, 3] - target) < 0.4 and not truncated
 
 
 def test_waypoints_share_the_time_of_the_episode(scene):
-    env = WaypointEnv(scene=scene, size=16, view=PaperView(60), max_steps=2 * FOLLOW_STEPS + 5)
+    env = WaypointEnv(scene=scene, size=16, interface=PaperInterface(60), max_steps=2 * FOLLOW_STEPS + 5)
     env.reset(seed=0)
     ends = [env.step(np.zeros(2, np.float32))[3] for _ in range(3)]
     assert ends == [False, False, True]
 
 
-def test_a_waypoint_that_is_reached_makes_way_for_the_next(scene):
-    view = CompactView(follow=12, arrival=0.35)
-    env = WaypointEnv(scene=scene, size=32, view=view, decisions=8)
-    seen, info = env.reset(seed=0)
-    policy = Modular(CompactView(follow=12, arrival=0.35), CompactNetwork())
-    # both look around first
+def test_a_reached_waypoint_ends_the_decision(scene):
+    interface = CompactInterface(follow=12, arrival=0.35)
+    env = WaypointEnv(scene=scene, size=32, interface=interface, decisions=8)
+    obs, info = env.reset(seed=0)
+    policy = Modular(CompactInterface(follow=12, arrival=0.35), CompactNetwork())
+    # both make the initial turns
     assert [policy.act(env.map, env.observation) for _ in range(9)] == [Action.TURN_LEFT] * 9
     assert env.observation.step == 9 and info["path_m"] == 0 and policy.waypoint is None
     for k in range(8):
-        blocks = np.argwhere(seen["reach"][0] > 0)
-        row, col = blocks[np.argmin(np.abs(seen["reach"][1][tuple(blocks.T)] * 10 - 1.2))]  # about 1.2 m away
-        seen, _, _, over, info = env.step(int(row * view.GRID + col))
+        blocks = np.argwhere(obs["reach"][0] > 0)
+        row, col = blocks[np.argmin(np.abs(obs["reach"][1][tuple(blocks.T)] * 10 - 1.2))]  # about 1.2 m away
+        obs, _, _, over, info = env.step(int(row * interface.GRID + col))
         away = np.linalg.norm(env.map.pose[:2, 3] - info["waypoint"])
         assert (away < 0.35 and info["steps"] <= 12) or info["steps"] == 12
         assert over == (k == 7)
-        # a walk ends it where training does
+        # a rollout ends the waypoint after the same number of steps as training
         policy.waypoint, policy._age = info["waypoint"], info["steps"]
         policy.act(env.map, env.observation)
         assert policy._age == 1
     assert env.observation.step < 9 + 8 * 12
 
 
-def test_a_place_is_tried_where_one_decision_leads_there():
-    view, map = CompactView(), empty_map(planar_pose(0, 0, 0))
+def test_only_waypoints_within_one_decision_count_as_tried():
+    interface, map = CompactInterface(), empty_map(planar_pose(0, 0, 0))
     map.explored[:] = True
     for x in (5.25, 1.25):  # metres ahead
-        view.waypoint(16 * view.GRID + 16 + round(x * 2 - 0.5), map)
-    row = view.see(map)["reach"][5, 16]
+        interface.to_waypoint(16 * interface.GRID + 16 + round(x * 2 - 0.5), map)
+    row = interface.observe(map)["reach"][5, 16]
     assert row[16 + 2] == pytest.approx(np.log(2)) and row[16 + 3] == pytest.approx(np.log1p(np.exp(-0.5)))
-    assert row[16 + 8 :].max() < 1e-6, "it is far, and only on the way"
-    view.reset()
-    assert not view.see(map)["reach"][5].any()
+    assert row[16 + 8 :].max() < 1e-6, "too far for one decision"
+    interface.reset()
+    assert not interface.observe(map)["reach"][5].any()
 
 
 @pytest.mark.parametrize("shift", range(4))  # of the fine cells against the coarse ones
 @pytest.mark.parametrize(("gap", "fits"), [(0.25, False), (0.5, True)])
-def test_places_behind_a_gap_are_there_if_the_robot_fits_through(shift, gap, fits):
+def test_candidates_behind_a_gap_exist_if_the_robot_fits_through(shift, gap, fits):
     map = empty_map(planar_pose(0, 0, 0))
     middle, width = 240 + shift, round(gap / map.cell)
     map.explored[:] = True
     map.occupied[:, 280 + shift] = True  # a wall two metres ahead
     map.occupied[middle : middle + width, 280 + shift] = False
-    reach = CompactView().see(map)["reach"]
+    reach = CompactInterface().observe(map)["reach"]
     assert reach[0, 16, 18], "in front of it"
     assert bool(reach[0, 16, 24]) == fits
 
 
 def follow_shortest(env: PointGoalEnv) -> tuple[float, dict, bool]:
-    """Turn towards the goal of an empty room, walk, stop."""
+    """Turn towards the goal in an empty room, move straight, stop."""
     total, info, over = 0.0, {}, False
     for _ in range(200):
         x, y, heading = planar_from_pose(env.sim.pose)
@@ -301,23 +312,23 @@ def follow_shortest(env: PointGoalEnv) -> tuple[float, dict, bool]:
     return total, info, over
 
 
-def test_who_walks_straight_to_the_goal_succeeds():
-    env = PointGoalEnv(scene=of_toy(empty_room(6.0, 6.0)), size=8)
+def test_a_straight_path_to_the_goal_succeeds():
+    env = PointGoalEnv(scene=to_scene(empty_room(6.0, 6.0)), size=8)
     for seed in range(5):
         _, start = env.reset(seed=seed)
         assert start["distance_to_goal"] >= 1.0
         total, info, over = follow_shortest(env)
         assert over and info["success"] and info["spl"] > 0.85
-        # progress and success, less a cent a step
+        # progress and success minus the cost of the steps
         progress = start["distance_to_goal"] - info["distance_to_goal"]
         assert total == pytest.approx(progress + 2.5 - 0.01 * (env._observation.step + 1), abs=1e-6)
 
 
-def test_the_goal_is_seen_from_the_robot():
-    env = PointGoalEnv(scene=of_toy(empty_room(6.0, 6.0)), size=8)
-    seen, _ = env.reset(seed=0)
+def test_the_goal_is_relative_to_the_robot():
+    env = PointGoalEnv(scene=to_scene(empty_room(6.0, 6.0)), size=8)
+    obs, _ = env.reset(seed=0)
     x, y, heading = planar_from_pose(env.sim.pose)
-    distance, cosine, sine = seen["goal"]
+    distance, cosine, sine = obs["goal"]
     ahead = heading + math.atan2(sine, cosine)
     there = np.array([x + distance * math.cos(ahead), y + distance * math.sin(ahead)])
     assert there == pytest.approx(env.goal, abs=1e-4)
@@ -336,8 +347,8 @@ def test_stopping_far_away_fails_and_time_truncates(scene):
     assert ends == [(False, False), (False, False), (False, True)]
 
 
-def test_walls_count():
-    """From room to room the shortest way is longer than the line of sight; stopping behind a wall is no success."""
+def test_the_distance_to_the_goal_is_a_path_length():
+    """Between rooms, the shortest path is longer than the straight line."""
     env = PointGoalEnv(scene="dev-2", size=8)
     ratios = []
     for seed in range(10):
@@ -345,3 +356,14 @@ def test_walls_count():
         line = float(np.linalg.norm(env.goal - env.sim.pose[:2, 3]))
         ratios.append(info["distance_to_goal"] / line)
     assert min(ratios) > 0.97 and max(ratios) > 1.3
+
+
+def test_the_paper_interface_accepts_the_map_of_explore():
+    """The map of a rollout has another size than that of the training; both are pooled around their centre."""
+    interface = PaperInterface()
+    map = empty_map(planar_pose(0.03, 0.02, 0.0), MAP_SIZE)
+    map.explored[320:322, 320:330] = True
+    assert interface.observation_space.contains(interface.observe(map))
+    training = empty_map(planar_pose(0.03, 0.02, 0.0), 720)
+    training.explored[360:362, 360:370] = True
+    np.testing.assert_array_equal(interface.observe(map)["map"], interface.observe(training)["map"])

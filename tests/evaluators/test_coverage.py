@@ -1,4 +1,4 @@
-"""Coverage of a walk against what there is to see."""
+"""Coverage of a trajectory, compared with everything that is visible."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def visible(sim):
     return visible_map(sim, POSES, seed=0)
 
 
-def walk_of(sim: Simulator, poses: list[np.ndarray], **meta) -> Trajectory:
+def trajectory_of(sim: Simulator, poses: list[np.ndarray], **meta) -> Trajectory:
     images = np.zeros((len(poses), 32, 32, 3), np.uint8)
     return Trajectory(np.stack(poses), images, None, None, sim.intrinsics, meta)
 
@@ -34,32 +34,32 @@ def seeded_poses(sim: Simulator) -> list[np.ndarray]:
     return [sim.sample_pose(rng) for _ in range(POSES)]
 
 
-def test_who_has_been_everywhere_has_seen_everything(sim, visible):
-    shares = coverage(sim, walk_of(sim, seeded_poses(sim)), visible)
+def test_full_coverage_from_the_poses_of_the_visible_map(sim, visible):
+    shares = coverage(sim, trajectory_of(sim, seeded_poses(sim)), visible)
     assert set(shares) == set(QUANTITIES.values())
     for curve in shares.values():
         assert curve.shape == (POSES,) and curve[-1] == 100 and (np.diff(curve) >= 0).all() and curve[0] < 50
 
 
-def test_one_room_is_not_the_other(sim, visible):
-    """Turning on the spot in room A, back to the doorway or not, never shows the refrigerator of room B."""
-    turning = [planar_pose(2.0, 2.6 - 1.8, heading) for heading in np.linspace(np.pi / 2, 3 * np.pi / 2, 7)]
-    shares = coverage(sim, walk_of(sim, turning), visible)
+def test_one_room_does_not_cover_the_other(sim, visible):
+    """Images from one position in room A do not show the refrigerator of room B."""
+    rotating = [planar_pose(2.0, 2.6 - 1.8, heading) for heading in np.linspace(np.pi / 2, 3 * np.pi / 2, 7)]
+    shares = coverage(sim, trajectory_of(sim, rotating), visible)
     assert 20 < shares["area"][-1] < 60 and shares["semantics"][-1] < 60
 
 
-def test_noise_does_not_move_what_was_seen(sim, visible):
-    """Odometry may err: the robot saw from where it was, not from where it believed to be."""
+def test_coverage_uses_the_true_poses(sim, visible):
+    """The camera is at the true pose, not at the pose of the odometry."""
     poses = seeded_poses(sim)[:5]
     true = [[pose[0, 3], pose[1, 3], np.arctan2(-pose[1, 2], -pose[0, 2])] for pose in poses]
-    lost = walk_of(sim, [planar_pose(0.5, 0.5, 0.0)] * 5, true_poses=true)
-    for name, curve in coverage(sim, lost, visible).items():
-        assert np.allclose(curve, coverage(sim, walk_of(sim, poses), visible)[name])
+    drifted = trajectory_of(sim, [planar_pose(0.5, 0.5, 0.0)] * 5, true_poses=true)
+    for name, curve in coverage(sim, drifted, visible).items():
+        assert np.allclose(curve, coverage(sim, trajectory_of(sim, poses), visible)[name])
 
 
-def test_a_scene_without_semantics_misses_none(sim, visible):
-    nothing = replace(visible, semantics=np.zeros_like(visible.semantics))
-    assert (coverage(sim, walk_of(sim, seeded_poses(sim)[:2]), nothing)["semantics"] == 100).all()
+def test_a_scene_without_semantics_has_full_semantic_coverage(sim, visible):
+    without = replace(visible, semantics=np.zeros_like(visible.semantics))
+    assert (coverage(sim, trajectory_of(sim, seeded_poses(sim)[:2]), without)["semantics"] == 100).all()
 
 
 def test_area_under_a_curve_by_hand():

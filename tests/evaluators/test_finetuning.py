@@ -1,4 +1,4 @@
-"""Fine-tuning a PointGoal policy: who knows the way teaches it, it practises in a mesh, and is judged in the truth."""
+"""Fine-tuning of a PointGoal policy: expert, training in a mesh, evaluation in the true scene."""
 
 from dataclasses import replace
 
@@ -8,28 +8,31 @@ import torch
 import toy_scene
 import trimesh
 
-from autonerf_lab import cli, training
+from autonerf_lab import cli
 from autonerf_lab.config import preset
 from autonerf_lab.envs.pointgoal import PointGoalEnv
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError
 from autonerf_lab.evaluators import Scores, finetuning
-from autonerf_lab.evaluators.finetuning import METRICS, evaluate_finetuning, load_goal_policy, reach_goals
+from autonerf_lab.evaluators.finetuning import evaluate_finetuning, load_goal_policy, reach_goals
+from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.policies import load_policy
-from autonerf_lab.policies.networks import GoalNetwork, make_network
+from autonerf_lab.policies.networks import GoalNetwork
 from autonerf_lab.policies.pointgoal import STOP
+from autonerf_lab.policies.spec import SPECS, make_network
 from autonerf_lab.policies.weights import read_meta, save_weights
 from autonerf_lab.training import shortest_path_expert
 from autonerf_lab.training.settings import POINTGOAL, settings_of
 from autonerf_lab.training.train import train_policy
 from autonerf_lab.types import Score
-from autonerf_lab.viz.figures.finetuning import practice
+from autonerf_lab.viz.figures.finetuning import finetuning_results
 
+NAMES = [metric.name for metric in metrics_of("finetuning")]
 SMALL = settings_of(POINTGOAL, frames=128, demonstrations=0, environments=2, rollout=32, batch=32, epochs=1, episode=40)
 
 
 @pytest.fixture(scope="module")
 def scene():
-    return toy_scene.of_toy(toy_scene.two_rooms())
+    return toy_scene.to_scene(toy_scene.two_rooms())
 
 
 @pytest.fixture
@@ -41,14 +44,14 @@ def weights(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["dev-1", "train-00"])
-def test_who_knows_the_way_arrives_by_nearly_the_shortest(name):
+def test_the_expert_follows_nearly_shortest_paths(name):
     env = PointGoalEnv(scene=name, size=8)
     ends = []
     for seed in range(12):
         env.reset(seed=seed)
         over = False
         while not over:
-            _, _, terminated, truncated, info = env.step(np.int64(env.shortest_way()))
+            _, _, terminated, truncated, info = env.step(np.int64(env.expert_action()))
             over = terminated or truncated
         ends.append(info)
     assert all(end["success"] for end in ends)
@@ -58,8 +61,8 @@ def test_who_knows_the_way_arrives_by_nearly_the_shortest(name):
 @pytest.mark.parametrize("kind", ["egocentric", "goal"])
 def test_episodes_in_a_sequence_are_as_episodes_alone(kind):
     torch.manual_seed(1)
-    view, network = make_network({"kind": kind, "memory": 16})
-    space = view.observation_space
+    interface, network = make_network({"kind": kind, "memory": 16})
+    space = interface.observation_space
     seen = {name: torch.from_numpy(np.stack([space[name].sample() for _ in range(12)])) for name in space}
     starts = torch.tensor([0, 0, 1, 0, 0, 0, 1.0, 0, 0, 1, 1, 0])  # two sequences of six steps
     before = (torch.randn(1, 2, 16), torch.randn(1, 2, 16))
@@ -67,7 +70,7 @@ def test_episodes_in_a_sequence_are_as_episodes_alone(kind):
     for sequence in range(2):
         memory = tuple(part[:, sequence : sequence + 1] for part in before)
         for step in range(6 * sequence, 6 * sequence + 6):
-            memory = network.nothing(1) if starts[step] else memory
+            memory = network.initial_state(1) if starts[step] else memory
             one = {name: value[step : step + 1] for name, value in seen.items()}
             alone, value, memory = network(one, memory, torch.zeros(1))
             torch.testing.assert_close(alone.probs[0], chances.probs[step])
@@ -75,14 +78,14 @@ def test_episodes_in_a_sequence_are_as_episodes_alone(kind):
         torch.testing.assert_close(memory[0][0, 0], after[0][0, sequence])
 
 
-def test_it_learns_the_way(monkeypatch):
-    scene = toy_scene.of_toy(toy_scene.empty_room(3.0, 3.0))
+def test_imitation_of_shortest_paths_improves_the_policy(monkeypatch):
+    scene = toy_scene.to_scene(toy_scene.empty_room(3.0, 3.0))
     monkeypatch.setattr(shortest_path_expert, "PASSES", 10)  # over few episodes
     torch.manual_seed(0)
     network = GoalNetwork().to(memory_format=torch.channels_last)  # as in a training: half the time
     lost = reach_goals(network, scene, 20)
     settings = settings_of(POINTGOAL, demonstrations=120, environments=4)
-    shortest_path_expert.learn_the_way(network, lambda: PointGoalEnv(scene=scene, max_steps=60), settings)
+    shortest_path_expert.imitate_shortest_paths(network, lambda: PointGoalEnv(scene=scene, max_steps=60), settings)
     led = reach_goals(network, scene, 20)
     assert sum(end["distance_to_goal"] for end in led) < sum(end["distance_to_goal"] for end in lost) / 2
     assert sum(end["success"] for end in led) > 5 + sum(end["success"] for end in lost)
@@ -99,23 +102,23 @@ def test_the_same_seeds_are_the_same_episodes(scene, weights):
     assert [end["success"] for end in at_once] == [False] * 4 and all(end["spl"] == 0 for end in at_once)
 
 
-def test_it_practises_in_the_mesh_and_is_judged_in_the_truth(scene, weights, tmp_path, monkeypatch):
+def test_training_in_the_mesh_and_evaluation_in_the_true_scene(scene, weights, tmp_path, monkeypatch):
     monkeypatch.setattr(finetuning, "PRETRAINED", weights)
     small = {name: getattr(SMALL, name) for name in ("environments", "rollout", "batch", "epochs", "episode")}
-    monkeypatch.setattr(training.settings, "_OF_POINTGOAL", {**training.settings._OF_POINTGOAL, **small})
+    monkeypatch.setitem(SPECS, "goal", replace(SPECS["goal"], settings={**SPECS["goal"].settings, **small}))
     mesh = trimesh.Trimesh(scene.vertices, scene.faces, process=False)
     result = evaluate_finetuning(mesh, scene, 64, 3, folder=tmp_path)
-    assert set(result.values) == set(METRICS) and not result.status
-    assert all(0 <= result.values[name] <= 100 for name in METRICS)
+    assert set(result.values) == set(NAMES) and not result.status
+    assert all(0 <= result.values[name] <= 100 for name in NAMES)
     assert result.artifact["finetuned"]["frames"] >= 64 > result.artifact["pretrained"]["frames"]
     for stage in ("finetuned", "finetuned_true_mesh"):
         policy = load_goal_policy(tmp_path / stage / "policy")
         assert result.artifact[stage]["episodes"] == reach_goals(policy, scene, 3)
 
-    assert len(practice(result.artifact).axes[1].patches) == 6
+    assert len(finetuning_results(result.artifact).axes[1].patches) == 6
     scores = Scores(Score("finetuning", name, value) for name, value in result.values.items())
     scores.details["finetuning"] = result.details
-    header, *rows = scores.practice()
+    header, *rows = scores.details_table("finetuning")
     assert header == ("fine-tuning", "success %", "SPL %", "frames", "hours")
     assert [row[0] for row in rows] == ["pre-trained", "fine-tuned in the mesh", "fine-tuned in the true scene"]
     assert rows[1][3] == f"{result.details['finetuned']['frames']:,}" and rows[0][3] == "0"
@@ -123,16 +126,16 @@ def test_it_practises_in_the_mesh_and_is_judged_in_the_truth(scene, weights, tmp
 
 
 @pytest.mark.parametrize("mesh", ["nothing", "nowhere to stand"])
-def test_a_mesh_that_nobody_can_walk_in_costs_the_other_stages_nothing(scene, weights, tmp_path, monkeypatch, mesh):
-    """The floor of the second one has a table over all of it: the import finds a floor, the robot no place."""
+def test_a_mesh_that_is_not_navigable_does_not_affect_the_other_stages(scene, weights, tmp_path, monkeypatch, mesh):
+    """In the second mesh, a table covers the whole floor: the import succeeds, but the robot does not fit."""
     trained = []
 
-    def practise(place, frames, rate, seed, folder):
-        trained.append((place.name, rate))
+    def finetune(scene, frames, rate, seed, folder):
+        trained.append((scene.name, rate))
         return weights
 
     monkeypatch.setattr(finetuning, "PRETRAINED", weights)
-    monkeypatch.setattr(finetuning, "_practise", practise)
+    monkeypatch.setattr(finetuning, "_finetune", finetune)
     table = trimesh.creation.box(bounds=([-1, -1, 0.3], [9, 4, 0.4]))
     room = trimesh.Trimesh(scene.vertices, scene.faces, process=False)
     found = trimesh.Trimesh() if mesh == "nothing" else trimesh.util.concatenate([room, table])
@@ -144,16 +147,16 @@ def test_a_mesh_that_nobody_can_walk_in_costs_the_other_stages_nothing(scene, we
     assert result.values["success_finetuned_true_mesh"] is not None and result.values["spl_pretrained"] is not None
 
 
-def test_a_training_that_fails_takes_nothing_from_the_others(scene, weights, tmp_path, monkeypatch):
+def test_a_failed_training_does_not_affect_the_other_stages(scene, weights, tmp_path, monkeypatch):
     errors = {"mesh": TrainingError("a loss is not finite"), scene.name: MemoryError()}
 
-    def practise(place, frames, rate, seed, folder):
-        raise errors[place.name]
+    def finetune(scene, frames, rate, seed, folder):
+        raise errors[scene.name]
 
     monkeypatch.setattr(finetuning, "PRETRAINED", weights)
-    monkeypatch.setattr(finetuning, "_practise", practise)
+    monkeypatch.setattr(finetuning, "_finetune", finetune)
     mesh = trimesh.Trimesh(scene.vertices, scene.faces, process=False)
-    with pytest.raises(MemoryError):  # nothing after it would fare better
+    with pytest.raises(MemoryError):  # stops the whole evaluation
         evaluate_finetuning(mesh, scene, 1, 2, folder=tmp_path)
     errors[scene.name] = TrainingError("nor is this one")
     result = evaluate_finetuning(mesh, scene, 1, 2, folder=tmp_path)
@@ -167,7 +170,7 @@ def test_the_paper_has_two_learning_rates():
     assert (size.finetuning_frames, size.finetuning_lr, size.finetuning_lr_true_mesh) == (10_000_000, 2.5e-6, 2.5e-5)
 
 
-def test_a_training_goes_on_where_and_from_what_it_began(scene, weights, tmp_path, capsys):
+def test_a_training_continues_from_its_checkpoint_with_the_same_settings(scene, weights, tmp_path, capsys):
     made = train_policy(POINTGOAL, tmp_path, SMALL, workers=1, progress=False, scenes=[scene], start=weights)
     meta = read_meta(made)
     assert meta["command"] is None and meta["frames"] >= 128
@@ -175,12 +178,12 @@ def test_a_training_goes_on_where_and_from_what_it_began(scene, weights, tmp_pat
     more = replace(SMALL, frames=2 * SMALL.frames)
     train_policy(POINTGOAL, tmp_path, more, workers=1, progress=False, scenes=[scene], start=weights)
     assert read_meta(made)["curve"][: len(meta["curve"])] == meta["curve"], "what is finished can be given more"
-    with pytest.raises(RunFolderError, match=r"places differ"):
+    with pytest.raises(RunFolderError, match=r"training_scenes differ"):
         train_policy(POINTGOAL, tmp_path, SMALL, workers=1, progress=False, scenes=["train-00"], start=weights)
     assert (
         cli.main(["train-policy", "--policy", "pointgoal", "--start", "nowhere", "--out", str(tmp_path / "new")]) == 1
     )
-    assert "nowhere.safetensors does not exist: begin with a policy that ships" in capsys.readouterr().err
+    assert "nowhere.safetensors does not exist; start from a built-in policy" in capsys.readouterr().err
     with pytest.raises(RunFolderError, match=r"start differ"):
         train_policy(POINTGOAL, tmp_path, SMALL, workers=1, progress=False, scenes=[scene])
 
@@ -190,5 +193,5 @@ def test_policies_are_not_mistaken_for_each_other(weights):
     save_weights(exploring, GoalNetwork(), {"network": {"kind": "compact"}})
     with pytest.raises(DataError, match="does not explore"):
         load_policy(weights)
-    with pytest.raises(DataError, match="not one that goes to a place"):
+    with pytest.raises(DataError, match="not a PointGoal policy"):
         load_goal_policy(exploring)

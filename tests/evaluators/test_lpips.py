@@ -1,4 +1,4 @@
-"""LPIPS with drawn weights (none can be downloaded here), against an implementation in numpy of sums and products."""
+"""LPIPS with random weights, compared with a naive implementation in NumPy."""
 
 import hashlib
 import json
@@ -85,11 +85,11 @@ def naive(image, target, weights):
     return total
 
 
-def test_it_is_what_sums_and_products_say(lpips, images, weights):
+def test_lpips_agrees_with_the_naive_implementation(lpips, images, weights):
     assert lpips(*images) == pytest.approx(naive(*images, weights), rel=1e-4)
 
 
-def test_it_is_a_distance_of_looks(lpips, images):
+def test_lpips_is_zero_for_equal_images_symmetric_and_monotone(lpips, images):
     image, noise = images
     assert lpips(image, image) == 0
     assert lpips(image, noise) == pytest.approx(lpips(noise, image), rel=1e-5)
@@ -105,15 +105,15 @@ def test_images_that_cannot_be_compared_are_refused(lpips, shapes):
         lpips(*map(np.zeros, shapes))
 
 
-def test_only_the_file_that_was_meant(path):
+def test_the_sha256_is_checked(path):
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     assert Lpips(path, sha256.upper()).sha256 == sha256
     with pytest.raises(DataError, match=f"vgg.safetensors has the SHA-256 {sha256}, not {'0' * 64}"):
         Lpips(path, "0" * 64)
 
 
-def test_halves_are_known_by_what_is_in_them(weights, lpips, tmp_path):
-    """Another file of the same backbone: other heads, in another order, with something else beside them."""
+def test_backbone_and_heads_have_separate_hashes(weights, lpips, tmp_path):
+    """A second file with the same backbone, other heads, another order and an extra tensor."""
     others = {name: value * (0.5 if name.startswith("lin") else 1) for name, value in reversed(weights.items())}
     storage.write_arrays(tmp_path / "other.safetensors", {"classifier.0.bias": np.zeros(3), **others}, {"by": "me"})
     other = Lpips(tmp_path / "other.safetensors")
@@ -164,7 +164,7 @@ def test_scores_name_the_weights_they_came_from(path, lpips, tmp_path):
         Scores.load(tmp_path / "bad.json")
 
 
-def test_photographs_are_scored_by_it_too(lpips):
+def test_photographs_have_an_lpips_score(lpips):
     data = toy_photos.photographs(toy_photos.orbit(2))
     scores = evaluate(NearestView(data), data, progress=False, trajectory=data, lpips_weights=lpips)
     assert scores["held_out", "lpips"] == scores.baselines["nearest_view"]["held_out", "lpips"] == 0

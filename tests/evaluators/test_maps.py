@@ -1,4 +1,4 @@
-"""Maps: hand-worked grids, the truth of a scene drawn by hand, and what perfect, empty and displaced fields score."""
+"""Maps: grids computed by hand, the true map of a toy scene, and the scores of perfect, empty and displaced fields."""
 
 from dataclasses import replace
 
@@ -8,9 +8,9 @@ import toy_scene
 
 from autonerf_lab.errors import SceneError
 from autonerf_lab.evaluators import TrueField
-from autonerf_lab.evaluators.ground_truth import Grid, TrueMap, true_map
+from autonerf_lab.evaluators.ground_truth import MapGrid, TrueMap, true_map
 from autonerf_lab.evaluators.maps import CellState, free_scores, occupancy_scores, predict_states, share_within
-from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_columns, semantic_scores
+from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_cells, semantic_scores
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.simulator import Simulator
 
@@ -37,7 +37,7 @@ def hand_map(rows: list[str], cell: float = 0.01) -> TrueMap:
     letters = np.array([list(row) for row in rows])
     occupied = (letters != ".") & (letters != " ")
     semantics = np.stack([letters == str(k) for k in range(1, 16)])
-    return TrueMap(Grid(np.zeros(2), letters.shape, cell), occupied, occupied, letters == ".", semantics)
+    return TrueMap(MapGrid(np.zeros(2), letters.shape, cell), occupied, occupied, letters == ".", semantics)
 
 
 HAND = hand_map(["     ", " ##  ", " #...", " #...", "     "])
@@ -88,13 +88,13 @@ def test_a_scene_without_objects_has_no_semantic_scores():
     assert set(semantic_scores(np.zeros((5, 5), np.uint8), HAND).values()) == {None}
 
 
-def test_points_outside_the_band_or_the_grid_name_nothing():
-    grid = Grid(np.zeros(2), (2, 2), 1.0)
+def test_points_outside_the_height_band_or_the_grid_are_ignored():
+    grid = MapGrid(np.zeros(2), (2, 2), 1.0)
     points = np.array([[0.5, 0.5, 0.05], [0.5, 0.5, 0.95], [5, 5, 0.5], [1.5, 0.5, 0.5]])
-    assert semantic_columns(points, np.array([1, 2, 3, 4]), grid).tolist() == [[0, 4], [0, 0]]
+    assert semantic_cells(points, np.array([1, 2, 3, 4]), grid).tolist() == [[0, 4], [0, 0]]
 
 
-def test_truth_of_the_toy_scene(truth):
+def test_true_map_of_the_toy_scene(truth):
     def at(x, y):
         return tuple(np.floor((np.array([y, x]) - truth.grid.origin[::-1]) / truth.grid.cell).astype(int))
 
@@ -110,7 +110,7 @@ def test_perfect_geometry_makes_a_perfect_map(field, truth):
     states = predict_states(field, truth.grid)
     assert set(free_scores(states, truth).values()) == {100.0}
     assert set(occupancy_scores(states, truth).values()) == {100.0}
-    scores = semantic_scores(semantic_columns(*point_cloud(field), truth.grid), truth)
+    scores = semantic_scores(semantic_cells(*point_cloud(field), truth.grid), truth)
     assert scores["semantic_precision_5cm"] > 99.9 and scores["semantic_recall_5cm"] > 99
 
 
@@ -126,13 +126,13 @@ class EmptyField(TrueField):
         return replace(image, depth=nothing, opacity=nothing, semantics=np.zeros_like(image.semantics))
 
 
-def test_an_empty_field_recalls_nothing(sim, truth):
+def test_an_empty_field_has_recall_zero(sim, truth):
     field = EmptyField(sim.scene, sim, views=3)
     states = predict_states(field, truth.grid)
     scores = free_scores(states, truth) | occupancy_scores(states, truth)
     assert scores["occupancy_recall"] == 0.0 and scores["occupancy_precision"] is None
     assert scores["free_recall"] == 100.0 and scores["free_precision"] < 95
-    assert semantic_scores(semantic_columns(*point_cloud(field), truth.grid), truth)["semantic_recall_5cm"] == 0.0
+    assert semantic_scores(semantic_cells(*point_cloud(field), truth.grid), truth)["semantic_recall_5cm"] == 0.0
 
 
 class Displaced(TrueField):
@@ -144,7 +144,7 @@ class Displaced(TrueField):
         return super().density(points - np.array([self.shift, 0, 0]))
 
 
-def test_moved_walls_cost_what_they_should(sim, truth):
+def test_displaced_walls_reduce_the_scores(sim, truth):
     """A scene moved by 2 cm stays within tolerance; by 10 cm, walls across the motion are lost."""
     scores = {}
     for shift in (0.02, 0.10):
@@ -157,7 +157,7 @@ def test_moved_walls_cost_what_they_should(sim, truth):
     assert 100 > scores[0.02]["free_recall"] > scores[0.10]["free_recall"]
 
 
-def test_unseen_columns_are_unknown(sim, truth):
+def test_unseen_cells_are_unknown(sim, truth):
     class HalfSeen(TrueField):
         def seen(self, points):
             return points[:, 0] < 4
@@ -170,4 +170,4 @@ def test_unseen_columns_are_unknown(sim, truth):
 
 def test_a_grid_that_would_not_fit_is_refused():
     with pytest.raises(SceneError, match="map cells"):
-        Grid.over(np.array([[0, 0, 0], [1e4, 1e4, 3]]))
+        MapGrid.over(np.array([[0, 0, 0], [1e4, 1e4, 3]]))

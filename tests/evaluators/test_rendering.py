@@ -1,4 +1,4 @@
-"""Rendering and pose refinement: oracles for the metrics, finite differences for the gradients."""
+"""Rendering and pose refinement: metrics compared with other libraries, gradients with finite differences."""
 
 import numpy as np
 import pytest
@@ -128,14 +128,14 @@ def test_the_true_field_renders_perfectly(sim, field):
 def test_nearest_view_shows_the_nearest_training_image(sim):
     poses = np.stack([planar_pose(1, 1, 0.0), planar_pose(1, 1, np.pi / 2), planar_pose(3, 1, 0.0)])
     frames = [sim.render(c2w) for c2w in poses]
-    walk = Trajectory(
+    trajectory = Trajectory(
         poses,
         np.stack([f.rgb for f in frames]),
         np.stack([f.depth for f in frames]),
         np.stack([f.semantics for f in frames]),
         sim.intrinsics,
     )
-    view = NearestView(walk)
+    view = NearestView(trajectory)
     assert [view.nearest(planar_pose(1.2, 1.1, a)) for a in (0.2, 1.4, -0.2)] == [0, 1, 0]
     assert view.nearest(planar_pose(2.9, 1, 2 * np.pi)) == 2, "headings wrap"
     image = view.render(poses[1], sim.intrinsics)
@@ -160,12 +160,12 @@ class Pattern:
         return (error**2).mean(axis=1), slope @ self.a.T, slope @ self.b.T
 
     def render(self, c2w, intrinsics):
-        from autonerf_lab.evaluators import Image
+        from autonerf_lab.evaluators import Rendering
         from autonerf_lab.geometry import camera_rays
 
         rgb = self.colors(*camera_rays(intrinsics, c2w))
         nothing = np.zeros(rgb.shape[:2])
-        return Image(rgb, nothing, nothing, nothing)
+        return Rendering(rgb, nothing, nothing, nothing)
 
 
 def test_pose_gradients_match_finite_differences():
@@ -217,12 +217,12 @@ def test_the_true_geometry_converges(sim, field):
 
 
 def test_pixels_are_drawn_from_interest_regions(sim):
-    """A field that is asked about nothing but the surroundings of what differs."""
-    asked = []
+    """Rays are sampled around edges only."""
+    targets_seen = []
 
     class Listening(Grey):
         def ray_gradients(self, rays_o, rays_d, target):
-            asked.append(target)
+            targets_seen.append(target)
             return super().ray_gradients(rays_o, rays_d, target)
 
     picture = np.zeros((2, 16, 16, 3), np.uint8)
@@ -230,7 +230,7 @@ def test_pixels_are_drawn_from_interest_regions(sim):
     camera, start = Intrinsics.from_fov(16, 16), np.stack([np.eye(4)] * 2)
     for interest in (True, False):
         refine(Listening(), start, picture, camera, Refinement(1, 2000, interest=interest))
-    white = [target.reshape(2, -1, 3).mean(axis=(1, 2)) for target in asked]
+    white = [target.reshape(2, -1, 3).mean(axis=(1, 2)) for target in targets_seen]
     region = interest_regions(picture[0])
     assert region[3:8, 8:13].all() and not region[:, :5].any() and not region[11:].any()
     assert white[0][0] == pytest.approx(9 / region.sum(), abs=0.03) and white[1][0] == pytest.approx(9 / 256, abs=0.02)
@@ -250,7 +250,7 @@ def test_an_empty_field_moves_no_camera(sim):
     assert result.values["rotation_error_deg"] is None and result.status["rotation_error_deg"] == "none converged"
 
 
-def test_a_broken_gradient_stops_only_its_camera():
+def test_a_nan_gradient_stops_only_its_pose():
     class Broken(Pattern):
         def ray_gradients(self, rays_o, rays_d, target):
             loss, grad_o, grad_d = super().ray_gradients(rays_o, rays_d, target)
@@ -263,8 +263,8 @@ def test_a_broken_gradient_stops_only_its_camera():
     assert not np.allclose(trace[-1, 1], np.eye(4))
 
 
-def test_a_gradient_that_breaks_on_the_way_stops_its_camera_there():
-    """What Adam remembers of the iterations before must not move it on."""
+def test_a_gradient_that_becomes_nan_stops_its_pose():
+    """The moments of Adam must not move the pose."""
 
     class Breaking(Pattern):
         calls = 0

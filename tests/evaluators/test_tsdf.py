@@ -1,4 +1,4 @@
-"""The fused depth of a walk: surfaces where they are, and rows that stand beside those of a field."""
+"""Fused depth of a trajectory: accurate surfaces, and baseline scores beside those of a field."""
 
 import subprocess
 import sys
@@ -25,7 +25,7 @@ def sim():
 
 
 @pytest.fixture(scope="module")
-def walk(sim):
+def trajectory(sim):
     rng = np.random.default_rng(0)
     poses = np.stack([sim.sample_pose(rng) for _ in range(80)])
     frames = [sim.render(c2w) for c2w in poses]
@@ -33,8 +33,8 @@ def walk(sim):
     return Trajectory(poses, rgb, depth, semantics, sim.intrinsics, {"scene": sim.scene.name})
 
 
-def test_a_room_of_four_by_three_metres(sim, walk):
-    mesh = fuse(walk, 0.05)
+def test_a_room_of_four_by_three_metres(sim, trajectory):
+    mesh = fuse(trajectory, 0.05)
     np.testing.assert_allclose(mesh.bounds, [[0, 0, 0], [4, 3, 2.5]], atol=0.04)
     values = evaluate_mesh(mesh, TrueField(sim.scene, sim, views=1), sim.scene).values
     assert values["accuracy_m"] < 0.01 and values["completion_ratio"] > 90 and values["normal_consistency"] > 0.95
@@ -43,36 +43,44 @@ def test_a_room_of_four_by_three_metres(sim, walk):
     assert (up == low).mean() > 0.99, "the floor faces up and the ceiling down"
 
 
-def test_half_a_pixel_matters(sim, walk):
-    """Where the middle of a pixel lies is easy to get wrong between two libraries."""
+def test_half_a_pixel_shift_is_worse(sim, trajectory):
+    """The centre of a pixel has different conventions in different libraries."""
     field = TrueField(sim.scene, sim, views=1)
     accuracy = []
     for shift in (-0.5, 0.0, 0.5):
-        k = replace(walk.intrinsics, cx=walk.intrinsics.cx + shift, cy=walk.intrinsics.cy + shift)
-        mesh = fuse(replace(walk, intrinsics=k), 0.05)
+        k = replace(trajectory.intrinsics, cx=trajectory.intrinsics.cx + shift, cy=trajectory.intrinsics.cy + shift)
+        mesh = fuse(replace(trajectory, intrinsics=k), 0.05)
         accuracy.append(evaluate_mesh(mesh, field, sim.scene, samples=5000).values["accuracy_m"])
     assert accuracy[1] < 0.5 * min(accuracy[0], accuracy[2])
 
 
-def test_nothing_seen_is_an_empty_mesh(walk):
-    blind = replace(walk, depth=np.zeros_like(walk.depth[:3]), poses=walk.poses[:3], rgb=walk.rgb[:3])
+def test_a_trajectory_without_surfaces_gives_an_empty_mesh(trajectory):
+    blind = replace(
+        trajectory, depth=np.zeros_like(trajectory.depth[:3]), poses=trajectory.poses[:3], rgb=trajectory.rgb[:3]
+    )
     assert len(fuse(blind, 0.05).faces) == 0
     with pytest.raises(DataError, match="no depth"):
-        fuse(replace(walk, depth=None), 0.05)
+        fuse(replace(trajectory, depth=None), 0.05)
 
 
-def test_it_stands_beside_the_mesh_of_a_field(sim, walk, monkeypatch):
+def test_fused_depth_is_a_baseline_of_the_mesh(sim, trajectory, monkeypatch):
     field = TrueField(sim.scene, sim, views=1)
-    beside = evaluate(field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=walk).baselines["tsdf"]
-    assert beside["mesh", "completion_ratio"] > 90 and {row.model for row in beside} == {"tsdf"}
-    without = evaluate(field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=replace(walk, depth=None))
+    baseline = evaluate(field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=trajectory).baselines[
+        "tsdf"
+    ]
+    assert baseline["mesh", "completion_ratio"] > 90 and {row.model for row in baseline} == {"tsdf"}
+    without = evaluate(
+        field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=replace(trajectory, depth=None)
+    )
     assert without.baselines == {}
 
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(MissingPackageError, match=r"autonerf-lab\[open3d\]"):
-        fuse(walk, 0.05)
-    beside = evaluate(field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=walk).baselines["tsdf"]
-    assert {row.status for row in beside} == {"open3d_missing"} and {row.value for row in beside} == {None}
+        fuse(trajectory, 0.05)
+    baseline = evaluate(field, sim.scene, "smoke", tasks=["mesh"], progress=False, trajectory=trajectory).baselines[
+        "tsdf"
+    ]
+    assert {row.status for row in baseline} == {"open3d_missing"} and {row.value for row in baseline} == {None}
 
 
 def test_kernels_run_without_a_warning_after_open3d_has_been_loaded():

@@ -1,4 +1,4 @@
-"""The released code's definitions: worked by hand on 5 x 5 maps, and against the standard ones."""
+"""Definitions of the released code: computed by hand on 5 x 5 maps, and compared with the standard ones."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ import toy_scene
 
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.evaluators import TrueField, upstream_scores
-from autonerf_lab.evaluators.ground_truth import Grid, TrueMap, true_map
-from autonerf_lab.evaluators.planning import Tasks
+from autonerf_lab.evaluators.ground_truth import MapGrid, TrueMap, true_map
+from autonerf_lab.evaluators.planning import EpisodeSet
 from autonerf_lab.evaluators.upstream import maps, planning, pose_refinement
 from autonerf_lab.geometry import Intrinsics, planar_pose, so3_exp
 from autonerf_lab.simulator import Simulator
@@ -35,17 +35,21 @@ def test_camera_unit_is_the_farthest_coordinate_from_the_mean():
 
 def test_small_pieces_by_hand():
     cells = mask("##..#", "#....", "..#..", "....#", "...##")
-    assert (maps.large_pieces(cells, 3) == mask("##...", "#....", ".....", "....#", "...##")).all(), "not by corners"
-    assert (maps.large_pieces(cells, 4) == 0).all()
+    assert (maps.large_components(cells, 3) == mask("##...", "#....", ".....", "....#", "...##")).all(), (
+        "not by corners"
+    )
+    assert (maps.large_components(cells, 4) == 0).all()
 
 
 def test_closing_by_hand():
     ring = mask("#####", "#...#", "#.#.#", "#...#", "#####")
-    assert maps.closed(ring, min_hole=9, radius=0).all(), "8 cells around the middle are a small hole"
+    assert maps.close_gaps(ring, min_hole=9, radius=0).all(), "8 cells around the middle are a small hole"
     ring[2, 2] = False
-    assert (maps.closed(ring | mask(".....", ".....", "..#..", ".....", "....."), min_hole=8, radius=0) == ring).all()
+    assert (
+        maps.close_gaps(ring | mask(".....", ".....", "..#..", ".....", "....."), min_hole=8, radius=0) == ring
+    ).all()
     gap = mask(".....", ".....", "##.##", ".....", ".....")
-    assert (maps.closed(gap, min_hole=5, radius=1.5) == mask(".....", ".....", "#####", ".....", ".....")).all()
+    assert (maps.close_gaps(gap, min_hole=5, radius=1.5) == mask(".....", ".....", "#####", ".....", ".....")).all()
 
 
 def test_map_scores_by_hand():
@@ -54,11 +58,11 @@ def test_map_scores_by_hand():
     occupied = np.kron(mask("#####", "#..##", "#...#", "#...#", "##.##"), blocks)
     semantics = np.zeros((15, *free.shape), bool)
     semantics[3, :100, :200] = True
-    truth = TrueMap(Grid(np.zeros(2), free.shape), ~free, ~free, free, semantics)
-    columns = np.zeros_like(semantics)
-    columns[3, :100, :100] = columns[3, 200:300, 200:300] = True  # what is seen in a free column does not count
-    columns[3, 40:60, 40:60] = False  # a small hole
-    values = maps.map_scores(occupied, columns, truth)
+    truth = TrueMap(MapGrid(np.zeros(2), free.shape), ~free, ~free, free, semantics)
+    class_cells = np.zeros_like(semantics)
+    class_cells[3, :100, :100] = class_cells[3, 200:300, 200:300] = True  # points in free cells do not count
+    class_cells[3, 40:60, 40:60] = False  # a small hole
+    values = maps.map_scores(occupied, class_cells, truth)
     # 9 predicted free, 8 of the 9 that are; 16 others, 15 of them right
     assert values["free_accuracy"] == pytest.approx(100 * 23 / 25)
     assert values["free_precision"] == values["free_recall"] == pytest.approx(100 * 8 / 9)
@@ -74,44 +78,46 @@ def test_hits_are_counted_for_each_waypoint():
     assert planning.obstacle_hits(np.array([[0, 0]]), passable) == 5, "five of nine are outside of the map"
 
 
-def corridor(width: int = 400) -> tuple[np.ndarray, Tasks]:
+def corridor(width: int = 400) -> tuple[np.ndarray, EpisodeSet]:
     """A wall of 30 cells across a strip; one start and one goal on either side of it."""
     free = np.ones((101, width), bool)
     free[:, 185:215] = False
     starts, goals = np.array([[50, 40]]), np.array([[50, 360]])
-    return free, Tasks(free, starts, goals, np.array([3.2]), (), np.zeros((16, 1)))
+    return free, EpisodeSet(free, starts, goals, np.array([3.2]), (), np.zeros((16, 1)))
 
 
-def test_a_wall_beside_the_start_is_cleared_and_then_walked_through():
-    free, tasks = corridor()
-    (far,) = planning.plan_points(free, tasks, 0.01)
+def test_a_wall_beside_the_start_is_cleared_and_then_crossed():
+    free, episode_set = corridor()
+    (far,) = planning.plan_points(free, episode_set, 0.01)
     assert far.reason == "no path" and far.spl == 0
-    near = Tasks(free, np.array([[50, 180]]), tasks.goals, np.array([1.8]), (), np.zeros((16, 1)))
+    near = EpisodeSet(free, np.array([[50, 180]]), episode_set.goals, np.array([1.8]), (), np.zeros((16, 1)))
     (through,) = planning.plan_points(free, near, 0.01)
     assert through.reason == "through an obstacle", "every waypoint in the wall counts nine times"
-    thin = Tasks(np.ones_like(free), near.starts, near.goals, near.shortest, (), np.zeros((16, 1)))
+    thin = EpisodeSet(np.ones_like(free), near.starts, near.goals, near.shortest, (), np.zeros((16, 1)))
     (free_there,) = planning.plan_points(free, thin, 0.01)
     assert free_there.success and free_there.spl == pytest.approx(1, abs=0.01)
 
 
 def test_small_objects_are_dropped_and_large_ones_found():
-    free, tasks = corridor()
+    free, episode_set = corridor()
     free = np.ones_like(free)
     semantics = np.zeros((15, *free.shape), bool)
     semantics[0, 40:60, 300:315] = semantics[1, 40:60, 300:314] = True  # 300 cells, and 280
-    truth = TrueMap(Grid(np.zeros(2), free.shape), ~free, ~free, free, semantics)
-    tasks = Tasks(free, tasks.starts, tasks.goals, tasks.shortest, (1, 2), np.full((16, 1), 2.35))
-    large, small = planning.plan_objects(free, semantics, truth, tasks)
+    truth = TrueMap(MapGrid(np.zeros(2), free.shape), ~free, ~free, free, semantics)
+    episode_set = EpisodeSet(
+        free, episode_set.starts, episode_set.goals, episode_set.shortest, (1, 2), np.full((16, 1), 2.35)
+    )
+    large, small = planning.plan_objects(free, semantics, truth, episode_set)
     assert large.success and large.length == pytest.approx((300 - 25 - 40) * 0.01, abs=0.06)
     assert small.reason == "class not predicted"
 
 
-def test_the_way_out_of_a_cleared_square_is_that_of_a_map_where_it_is_clear(truth):
-    from autonerf_lab.evaluators.planning import grow
+def test_leaving_a_cleared_square_equals_planning_on_the_cleared_map(truth):
+    from autonerf_lab.evaluators.planning import dilate_obstacles
     from autonerf_lab.planning import path_length
     from autonerf_lab.planning.fast_marching import descend, travel_distance
 
-    cell, free = truth.grid.cell, grow(truth.free, 0.2, truth.grid.cell)
+    cell, free = truth.grid.cell, dilate_obstacles(truth.free, 0.2, truth.grid.cell)
     goal = np.argwhere(free)[[1000]]
     distance = travel_distance(free, goal, cell)
     for start in np.argwhere(truth.free)[:: truth.free.sum() // 7]:
@@ -124,9 +130,11 @@ def test_the_way_out_of_a_cleared_square_is_that_of_a_map_where_it_is_clear(trut
 
 def test_starts_are_farther_away_the_farther_from_the_origin():
     near, far = planar_pose(0.0, 0.0, 0.3), planar_pose(8.0, 6.0, 0.3)
-    turned, moved = pose_refinement.pose_errors(pose_refinement.perturb(np.stack([near, far])), np.stack([near, far]))
-    assert moved[0] < 0.2 and moved[1] > 0.7
-    np.testing.assert_allclose(turned, 15, atol=1.5)  # three times 5 degrees, nearly
+    rotation, translation = pose_refinement.pose_errors(
+        pose_refinement.perturb(np.stack([near, far])), np.stack([near, far])
+    )
+    assert translation[0] < 0.2 and translation[1] > 0.7
+    np.testing.assert_allclose(rotation, 15, atol=1.5)  # three times 5 degrees, nearly
 
 
 def test_euler_errors_are_summed_around_the_circle():
@@ -137,9 +145,9 @@ def test_euler_errors_are_summed_around_the_circle():
     truth = np.tile(np.eye(4), (2, 1, 1))
     truth[1, :3, :3] = so3_exp(-2 * quarter + np.radians([0, 0, 1]))
     poses[0, 0, 3] = 0.01
-    turned, moved = pose_refinement.pose_errors(poses, truth)
-    np.testing.assert_allclose(turned, [1, 2], atol=1e-9)
-    np.testing.assert_allclose(moved, [0.01, 0], atol=1e-12)
+    rotation, translation = pose_refinement.pose_errors(poses, truth)
+    np.testing.assert_allclose(rotation, [1, 2], atol=1e-9)
+    np.testing.assert_allclose(translation, [0.01, 0], atol=1e-12)
 
 
 def test_a_screw_is_a_rigid_motion():
@@ -152,7 +160,7 @@ def test_a_screw_is_a_rigid_motion():
 
 
 class Slope:
-    """Rays have the colour of where they begin: the position can be found, and nothing turns the camera."""
+    """A field whose colour depends on the ray origin only: the position can be refined, the rotation cannot."""
 
     def ray_gradients(self, rays_o, rays_d, target):
         error = 0.1 * rays_o + 0.5 - target
@@ -169,7 +177,7 @@ def test_the_descent_finds_a_position():
     assert (after < 0.25 * before).all() and (before > 0.05).all()
 
 
-def test_scores_of_the_truth(sim, truth):
+def test_scores_of_the_true_geometry(sim, truth):
     scores = upstream_scores(TrueField(sim.scene, sim, views=100), sim.scene, "smoke", tasks=["maps", "planning"])
     assert [row.metric for row in scores if row.status != "ok"] == []
     assert scores["maps", "free_recall"] > 99.9, "what is free is free"

@@ -1,4 +1,4 @@
-"""One inner wall of the true geometry, moved by 1, 2, 5 and 10 cm: the scores that should see it lose, step by step."""
+"""An inner wall of the true geometry is displaced by 1, 2, 5 and 10 cm: the scores decrease."""
 
 import runpy
 from pathlib import Path
@@ -16,13 +16,13 @@ walls = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "walls.py"
 
 @pytest.fixture(scope="module")
 def scene():
-    return toy_scene.of_toy(toy_scene.two_rooms())
+    return toy_scene.to_scene(toy_scene.two_rooms())
 
 
 def test_the_wall_between_the_rooms_moves_and_nothing_else(scene):
     axis, low, high = walls["inner_wall"](scene)
     assert axis == 0 and (low, high) == pytest.approx((4.0, 4.1))
-    there = walls["moved"](scene, (axis, low, high), 0.05)
+    there = walls["move_wall"](scene, (axis, low, high), 0.05)
     change = there.vertices - scene.vertices
     wall = np.abs(scene.vertices[:, 0] - 4.05) < 0.06
     np.testing.assert_allclose(change[wall], [[0.05, 0, 0]] * wall.sum(), atol=1e-6)
@@ -30,7 +30,7 @@ def test_the_wall_between_the_rooms_moves_and_nothing_else(scene):
     assert there.texture is scene.texture
 
 
-def test_each_centimetre_costs(scene):
+def test_scores_decrease_with_the_displacement(scene):
     wall, size = walls["inner_wall"](scene), preset("smoke")
     rows = []
     for metres in SHIFTS:

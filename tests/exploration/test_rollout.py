@@ -5,17 +5,17 @@ import pytest
 from toy_scene import two_rooms
 
 from autonerf_lab.data.trajectory import load_trajectory
-from autonerf_lab.errors import SceneError, UnknownNameError
+from autonerf_lab.errors import SceneError, UnknownNameError, WrongTypeError
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_pose
-from autonerf_lab.simulator import Noise, Simulator
+from autonerf_lab.simulator import MotionNoise, Simulator
 from autonerf_lab.types import Action
 
 CAMERA = Intrinsics.from_fov(24, 24)
 
 
 class Square:
-    """A policy that walks a square, and needs no map to do so."""
+    """Policy that moves along a square without using the map."""
 
     waypoint = None
 
@@ -27,35 +27,35 @@ class Square:
         return Action.TURN_LEFT if self.step % 5 in (3, 4, 0) else Action.FORWARD
 
 
-def test_frames_are_what_the_robot_saw_before_each_action():
+def test_frames_are_the_observations_before_each_action():
     sim = Simulator(two_rooms(), CAMERA)
-    walk = explore(sim, Square(), steps=12, pose=planar_pose(2, 1, 0.0), progress=False)
+    trajectory = explore(sim, Square(), steps=12, pose=planar_pose(2, 1, 0.0), progress=False)
     sim.reset(pose=planar_pose(2, 1, 0.0))
-    for t, action in enumerate(walk.meta["actions"]):
-        seen = sim.observe()
-        np.testing.assert_array_equal(walk.poses[t], seen.pose)
-        np.testing.assert_array_equal(walk.rgb[t], seen.rgb)
-        np.testing.assert_array_equal(walk.depth[t], seen.depth)
-        np.testing.assert_array_equal(walk.semantics[t], seen.semantics)
-        assert sim.move(action) == walk.meta["collided"][t]
-    assert walk.meta["actions"][:6] == [0, 0, 1, 1, 1, 0]
-    assert walk.meta["path_m"][:4] == [0.0, 0.25, 0.5, 0.5]
-    assert walk.meta["policy"] == "Square"
+    for t, action in enumerate(trajectory.meta["actions"]):
+        observation = sim.observe()
+        np.testing.assert_array_equal(trajectory.poses[t], observation.pose)
+        np.testing.assert_array_equal(trajectory.rgb[t], observation.rgb)
+        np.testing.assert_array_equal(trajectory.depth[t], observation.depth)
+        np.testing.assert_array_equal(trajectory.semantics[t], observation.semantics)
+        assert sim.move(action) == trajectory.meta["collided"][t]
+    assert trajectory.meta["actions"][:6] == [0, 0, 1, 1, 1, 0]
+    assert trajectory.meta["path_m"][:4] == [0.0, 0.25, 0.5, 0.5]
+    assert trajectory.meta["policy"] == "Square"
 
 
-def test_a_walk_survives_its_folder(tmp_path):
+def test_a_trajectory_is_saved_and_loaded(tmp_path):
     sim = Simulator(two_rooms(), CAMERA)
-    walk = explore(sim, "frontier", steps=8, seed=2, progress=False)
-    walk.save(tmp_path)
-    again = load_trajectory(tmp_path)
-    assert again.meta == walk.meta == json.loads(json.dumps(walk.meta))
-    np.testing.assert_array_equal(again.poses, walk.poses)
-    np.testing.assert_allclose(again.depth, walk.depth, atol=0.0006)
-    assert again.meta["scene_sha256"] == sim.scene.sha256
+    trajectory = explore(sim, "frontier", steps=8, seed=2, progress=False)
+    trajectory.save(tmp_path)
+    loaded = load_trajectory(tmp_path)
+    assert loaded.meta == trajectory.meta == json.loads(json.dumps(trajectory.meta))
+    np.testing.assert_array_equal(loaded.poses, trajectory.poses)
+    np.testing.assert_allclose(loaded.depth, trajectory.depth, atol=0.0006)
+    assert loaded.meta["scene_sha256"] == sim.scene.sha256
 
 
-def test_the_same_seed_is_the_same_walk_and_another_is_not():
-    sim = Simulator(two_rooms(), CAMERA, noise=Noise())
+def test_equal_seeds_give_equal_trajectories():
+    sim = Simulator(two_rooms(), CAMERA, noise=MotionNoise())
     first, again, other = (explore(sim, "frontier", 30, seed, progress=False) for seed in (5, 5, 6))
     np.testing.assert_array_equal(first.rgb, again.rgb)
     assert first.meta == again.meta
@@ -64,7 +64,7 @@ def test_the_same_seed_is_the_same_walk_and_another_is_not():
     assert drift[0] == 0 and drift[-1] > 1e-3
 
 
-def test_another_scene_has_another_fingerprint():
+def test_the_hash_depends_on_the_scene():
     scene = two_rooms()
     vertices = scene.vertices.copy()
     vertices[0, 0] += 1e-3
@@ -72,7 +72,7 @@ def test_another_scene_has_another_fingerprint():
     assert scene.sha256 == two_rooms().sha256 != moved.sha256
 
 
-def test_bad_requests_are_refused():
+def test_invalid_arguments_are_refused():
     sim = Simulator(two_rooms(), CAMERA)
     with pytest.raises(UnknownNameError, match="frontire"):
         explore(sim, "frontire", steps=3)
@@ -80,3 +80,7 @@ def test_bad_requests_are_refused():
         explore(sim, steps=0)
     with pytest.raises(SceneError, match="cannot stand"):
         explore(sim, steps=3, pose=planar_pose(0.7, 2.5, 0.0), progress=False)
+    with pytest.raises(SceneError, match=r"its map ends at 1.0 m; explore with a larger map_size \(now 40 cells\)"):
+        explore(sim, Square(), steps=3, pose=planar_pose(2, 1, 0.0), progress=False, map_size=40)
+    with pytest.raises(WrongTypeError, match="it is a class; pass an instance"):
+        explore(sim, Square, steps=3, progress=False)

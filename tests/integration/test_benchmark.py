@@ -1,4 +1,4 @@
-"""A grid of real cells, as small as it gets, from the command line; killed in the middle and run again."""
+"""Smallest grid of real cells on the command line, also killed and continued."""
 
 import json
 import os
@@ -25,7 +25,7 @@ def command(out: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Path:
-    """The results of an uninterrupted run. Treat as read-only."""
+    """Results of an uninterrupted run (read-only)."""
     out = tmp_path_factory.mktemp("bench") / "out"
     result = subprocess.run(command(out), capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
@@ -33,7 +33,7 @@ def finished(tmp_path_factory) -> Path:
     return out
 
 
-def test_a_cell_has_every_score_and_leaves_little(finished):
+def test_cell_has_every_score_and_few_files(finished):
     (outcome,) = load_results(finished).outcomes()
     assert list(outcome.stages) == ["scene", "explore", "fit", "evaluate", "exploration"]
     assert set(outcome.stages) - {"exploration"} <= set(STAGES)
@@ -43,16 +43,16 @@ def test_a_cell_has_every_score_and_leaves_little(finished):
         ("random", "dev-0", 0, "semantic-nerfacto")
     }
     values = {row.metric: row.value for row in outcome.scores if row.task in ("exploration", "reward")}
-    # the reward of explored area is what the map gained after the first image
+    # the coverage reward counts the area after the first image
     assert 0 < values["cov"] <= values["explored_area_m2"]
     assert 0 < values["coverage_auc"] <= values["coverage"] <= 100
     for curve in outcome.curves.values():
         assert len(curve) == 50 and curve == sorted(curve)
     assert sum(file.stat().st_size for file in finished.rglob("*") if file.is_file()) < 2e6
-    assert not list(finished.glob("work/*")) and len(list(finished.glob("pictures/*.webp"))) == 3
+    assert not list(finished.glob("work/*")) and len(list(finished.glob("figures/*.webp"))) == 3
 
 
-def test_scores_are_a_table_for_other_programs(finished):
+def test_scores_are_exported_as_csv_and_parquet(finished):
     rows = pd.read_csv(finished / "scores.csv", keep_default_na=False, na_values={"value": [""]})
     assert len(rows) == len(load_results(finished).outcomes()[0].scores)
     psnr = rows[(rows.task == "rendering") & (rows.metric == "psnr")]
@@ -62,20 +62,20 @@ def test_scores_are_a_table_for_other_programs(finished):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
-def test_killed_and_resumed_is_the_same_table(finished, tmp_path):
+def test_killed_and_continued_run_gives_the_same_tables(finished, tmp_path):
     out = tmp_path / "out"
-    begun = out / "work" / CELL / "run/run.json"
+    run_json = out / "work" / CELL / "run/run.json"
     process = subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 300
-    while not (begun.exists() and "fit" in json.loads(begun.read_text())["stages"]):
+    while not (run_json.exists() and "fit" in json.loads(run_json.read_text())["stages"]):
         assert time.monotonic() < deadline and process.poll() is None
         time.sleep(0.02)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
-    walked = json.loads(begun.read_text())["stages"]["explore"]
+    explored = json.loads(run_json.read_text())["stages"]["explore"]
     assert subprocess.run(command(out), capture_output=True, check=False).returncode == 0
     (outcome,) = load_results(out).outcomes()
-    assert outcome.stages["explore"] == walked, "the walk was not walked again"
+    assert outcome.stages["explore"] == explored, "the stage did not run again"
     assert (out / "tables.md").read_bytes() == (finished / "tables.md").read_bytes()
     ours, theirs = (pd.read_csv(folder / "scores.csv").drop(columns=TIMES) for folder in (out, finished))
     pd.testing.assert_frame_equal(ours, theirs, check_exact=True)

@@ -1,4 +1,4 @@
-"""The main job with real parts at every stage, as small as it gets, from the command line."""
+"""All stages with the smoke preset on the command line."""
 
 import json
 import os
@@ -24,7 +24,7 @@ def command(*arguments) -> subprocess.CompletedProcess:
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A demo of the smoke preset, and what it printed. Treat as read-only."""
+    """Run folder of a demo with the smoke preset, and its output (read-only)."""
     folder = tmp_path_factory.mktemp("demo") / "run"
     result = command("demo", "--preset", "smoke", "--out", folder)
     assert result.returncode == 0, result.stderr
@@ -33,11 +33,11 @@ def finished(tmp_path_factory):
 
 @pytest.fixture
 def run(finished, tmp_path):
-    """A copy to spoil."""
+    """Copy of the run folder that a test may change."""
     return Path(shutil.copytree(finished[0], tmp_path / "run"))
 
 
-def test_every_stage_left_what_it_makes(finished):
+def test_every_stage_wrote_its_outputs(finished):
     folder, printed = finished
     assert list(json.loads((folder / "run.json").read_text())["stages"]) == list(STAGES)
     for name in ("scene.json", "trajectory/transforms.json", "nerf/nerf.json", "scores.json", "mesh/mesh.json"):
@@ -46,7 +46,7 @@ def test_every_stage_left_what_it_makes(finished):
     assert not list(folder.rglob(".*")), "no temporary file is left"
 
 
-def test_every_task_was_scored_beside_the_yardsticks(finished):
+def test_every_task_and_baseline_was_scored(finished):
     folder, _ = finished
     rows = json.loads((folder / "scores.json").read_text())["scores"]
     assert {row["task"] for row in rows} == {"rendering", "maps", "planning", "pose_refinement", "mesh"}
@@ -59,12 +59,13 @@ def test_every_task_was_scored_beside_the_yardsticks(finished):
 
 def test_report_shows_every_section(finished):
     text = (finished[0] / "report.html").read_text()
-    for section in ("walk", "rendering", "geometry", "maps", "planning", "pose_refinement", "mesh", "scores", "cost"):
+    tasks = ("rendering", "maps", "planning", "pose_refinement", "mesh")
+    for section in ("trajectory", *tasks, "scores", "cost"):
         assert f'id="{section}"' in text
     assert len(text) < 20e6
 
 
-def test_what_is_kept_beside_the_scores_is_shown(finished):
+def test_details_of_the_scores_are_reported(finished):
     details = json.loads((finished[0] / "scores.json").read_text())["details"]
     assert len(details["rendering"]["test_poses_x_y_heading"]) == 8
     assert sum(details["planning"]["reasons"]["PointGoal"].values()) == 10
@@ -72,13 +73,13 @@ def test_what_is_kept_beside_the_scores_is_shown(finished):
     assert "<th>episodes</th>" in text and "<td>PointGoal</td>" in text and "<td>ObjectGoal: " in text
 
 
-def test_what_takes_long_and_other_definitions_are_asked_for_by_name(run):
+def test_optional_tasks_and_upstream_scores(run):
     before = (run / "scores.json").read_bytes()
     result = command("evaluate", run, "--overwrite", "--optional", "navigatoin")
     assert result.returncode == 1 and "valid names: finetuning, navigation" in result.stderr
     assert (run / "scores.json").read_bytes() == before, "nothing is lost"
-    asked = ("--optional", "navigation", "--interest-regions", "--upstream")
-    result = command("evaluate", run, "--overwrite", *asked)
+    options = ("--optional", "navigation", "--interest-regions", "--upstream")
+    result = command("evaluate", run, "--overwrite", *options)
     assert result.returncode == 0, result.stderr
     header = next(line for line in result.stdout.splitlines() if line.startswith("task"))
     assert [name.strip() for name in header.split("|")][-4:] == ["oracle", "nearest_view", "tsdf", "upstream"]
@@ -92,7 +93,7 @@ def test_what_takes_long_and_other_definitions_are_asked_for_by_name(run):
     assert 'id="navigation"' in (run / "report.html").read_text()
 
 
-def test_a_mesh_in_another_format_and_size(run):
+def test_mesh_format_and_voxel_size(run):
     assert command("mesh", run, "--overwrite", "--format", "stl").returncode == 1
     assert command("mesh", run, "--overwrite", "--voxel", "-1").returncode == 1
     assert (run / "mesh/mesh.json").exists(), "nothing is lost"
@@ -103,15 +104,15 @@ def test_a_mesh_in_another_format_and_size(run):
     assert len(list(run.glob("mesh/*.ply"))) == (2 if counts["triangles"] else 0)
 
 
-def test_second_time_is_refused(finished):
+def test_finished_run_is_refused(finished):
     folder, _ = finished
     result = command("demo", "--preset", "smoke", "--out", folder)
     assert result.returncode == 1
     assert re.fullmatch(r"error: .*finished run .*report\.html.*--overwrite\n", result.stderr)
 
 
-def test_same_seed_same_bits(run):
-    """The fit again, in a new process, from the folder alone."""
+def test_same_seed_gives_the_same_field(run):
+    """The stage runs again in a new process."""
     before = (run / "nerf/nerf.safetensors").read_bytes()
     result = command("fit", run, "--overwrite")
     assert result.returncode == 0, result.stderr
@@ -124,7 +125,7 @@ def test_trajectory_of_another_scene(run):
     content["autonerf_lab"] |= {"scene": "val-1", "scene_sha256": "0" * 64}
     path.write_text(json.dumps(content))
     result = command("fit", run, "--overwrite")
-    assert result.returncode == 1 and "walked in another scene ('val-1')" in result.stderr
+    assert result.returncode == 1 and "recorded in another scene ('val-1')" in result.stderr
     assert (run / "nerf/nerf.safetensors").exists() and (run / "report.html").exists(), "nothing is lost"
 
 
@@ -140,7 +141,7 @@ def test_trajectory_of_another_scene(run):
     ],
 )
 @pytest.mark.parametrize("damage", ["missing", "cut"])
-def test_damaged_files_are_named_and_nothing_is_lost(run, name, stage, damage):
+def test_error_names_the_damaged_file_and_nothing_is_lost(run, name, stage, damage):
     path = run / name
     if damage == "missing":
         path.unlink()
@@ -153,7 +154,7 @@ def test_damaged_files_are_named_and_nothing_is_lost(run, name, stage, damage):
     assert all(p.read_bytes() == data for p, data in others.items())
 
 
-def test_mesh_is_a_file_that_others_can_read(finished):
+def test_mesh_is_readable_by_trimesh(finished):
     import trimesh
 
     folder, _ = finished
@@ -164,7 +165,7 @@ def test_mesh_is_a_file_that_others_can_read(finished):
         assert trimesh.load(path).bounds is not None
 
 
-def test_pictures_of_the_walk_have_the_size_of_the_preset(finished):
+def test_images_of_the_trajectory_have_the_size_of_the_preset(finished):
     with Image.open(finished[0] / "trajectory/images/frame_00000.png") as image:
         assert image.size == (48, 48)
 

@@ -1,4 +1,4 @@
-"""Promises that the repository as a whole makes."""
+"""Properties of the repository as a whole: packaging, installation, documents, imports, examples."""
 
 import ast
 import os
@@ -7,6 +7,7 @@ import shutil
 import socket
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from itertools import chain
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 import toy_photos
+import yaml
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
@@ -21,6 +23,11 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 FOR_NOTEBOOKS = {"notebooks", "training", "viewer"}  # extras
+MARKDOWN = sorted(
+    path
+    for path in [*ROOT.glob("*.md"), *(p for f in ("docs", "benchmarks", "examples") for p in (ROOT / f).rglob("*.md"))]
+    if "generated" not in path.parts
+)
 PYTHON_FILES = sorted(
     path
     for folder in ("autonerf_lab", "tests", "benchmarks", "examples", "docs")
@@ -48,8 +55,8 @@ def test_loopback_is_open():
 
 
 @pytest.mark.parametrize("path", PYTHON_FILES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_nothing_loads_code_from_data(path):
-    """Pickle runs what it reads, so no file of the tree may unpickle; and a module reads in one sitting."""
+def test_no_pickle_and_no_long_module(path):
+    """Pickle runs code from files, so no module may use it. A module has at most 400 lines."""
     text = path.read_text()
     assert len(text.splitlines()) <= 400
     for node in ast.walk(ast.parse(text)):
@@ -63,8 +70,8 @@ def test_nothing_loads_code_from_data(path):
                 assert keyword.arg != "allow_pickle" or ast.unparse(keyword.value) == "False"
 
 
-def test_first_lesson_names_mean_the_same_whatever_was_imported_before():
-    """A submodule of the same name would take the place of a function in the package, once something imports it."""
+def test_public_names_do_not_depend_on_earlier_imports():
+    """Importing a submodule of the same name must not replace a function of the package."""
     code = (
         "import importlib, pkgutil, autonerf_lab as lab\n"
         "for m in pkgutil.walk_packages(lab.__path__, 'autonerf_lab.'): importlib.import_module(m.name)\n"
@@ -86,12 +93,35 @@ def test_every_dependency_has_a_tested_version():
             assert requirement.specifier.contains(pins[name]), f"constraints.txt and pyproject.toml disagree on {name}"
 
 
-@pytest.mark.parametrize("name", ["README.md", *(f"notebooks/{path.name}" for path in ROOT.glob("notebooks/*.ipynb"))])
-def test_the_address_of_the_repository_is_the_same_everywhere(name):
-    repository = PYPROJECT["project"]["urls"]["Repository"].removeprefix("https://github.com/")
-    found = re.findall(r"(?:colab\.research\.google\.com/github|mybinder\.org/v2/gh|git\+https://github\.com)/(\w\S+?/[\w-]+)",
-                       (ROOT / name).read_text())  # fmt: skip
-    assert len(found) >= 2 and set(found) == {repository}, f"{name} and pyproject.toml disagree on the repository"
+def test_version_is_the_same_everywhere():
+    version = PYPROJECT["project"]["version"]
+    assert f'__version__ = "{version}"' in (ROOT / "autonerf_lab/__init__.py").read_text()
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+
+
+def test_the_address_of_the_repository_is_the_same_everywhere():
+    command = [sys.executable, "docs/set_owner.py", "--check"]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, f"run `python docs/set_owner.py`; it would change:\n{result.stdout}"
+
+
+def test_the_address_of_the_repository_is_decided_in_one_place(tmp_path):
+    for name in ("docs", "notebooks"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("generated"))
+    for name in ("pyproject.toml", "README.md", "CITATION.cff"):
+        shutil.copy(ROOT / name, tmp_path)
+    before = {path: path.read_text() for path in tmp_path.rglob("*") if path.suffix in (".md", ".cff", ".ipynb")}
+    project = (tmp_path / "pyproject.toml").read_text()
+    if "urls" not in PYPROJECT["project"]:
+        addresses = '[project.urls]\nRepository = "https://github.com/somebody/autonerf-lab"\n\n[project.scripts]'
+        (tmp_path / "pyproject.toml").write_text(project.replace("[project.scripts]", addresses))
+    subprocess.run([sys.executable, "docs/set_owner.py"], cwd=tmp_path, check=True, capture_output=True)
+    for path in [tmp_path / "README.md", *(tmp_path / "notebooks").glob("*.ipynb")]:
+        text = path.read_text()
+        assert "colab.research.google.com/github/" in text and "mybinder.org/v2/gh/" in text and "OWNER" not in text
+    (tmp_path / "pyproject.toml").write_text(project)
+    subprocess.run([sys.executable, "docs/set_owner.py"], cwd=tmp_path, check=True, capture_output=True)
+    assert {path: path.read_text() for path in before} == before
 
 
 def test_binder_installs_what_the_notebooks_need():
@@ -108,7 +138,7 @@ def test_binder_installs_what_the_notebooks_need():
 
 
 def test_extras():
-    assert {"notebooks", "gl", "open3d", "viewer", "cluster", "dev", "all"} <= set(
+    assert {"notebooks", "gl", "open3d", "viewer", "cluster", "docs", "dev", "all"} <= set(
         PYPROJECT["project"]["optional-dependencies"]
     )
 
@@ -119,44 +149,87 @@ def test_continuous_integration_is_make_test():
     assert ".ci/run" in (ROOT / ".github/workflows/test.yml").read_text()
 
 
-@pytest.mark.parametrize("name", ["README.md", "Makefile", "autonerf_lab/pipeline/report.html.jinja"])
-def test_words_for_strangers(name):
-    assert not re.search(r"TODO|FIXME|\bissue \d|/work/", (ROOT / name).read_text())
+@pytest.mark.parametrize("path", sorted((ROOT / ".github/workflows").glob("*.yml")), ids=lambda path: path.stem)
+def test_workflows_have_least_permissions_and_versioned_actions(path):
+    workflow = yaml.safe_load(path.read_text())
+    assert workflow["permissions"] == {"contents": "read"}
+    for job in workflow["jobs"].values():
+        assert job["timeout-minutes"] <= 60
+        for step in job["steps"]:
+            assert "run" in step or re.search(r"@(v\d+|release/v\d+)$", step["uses"])
 
 
-def test_every_file_that_readme_links_exists():
-    text = (ROOT / "README.md").read_text()
-    links = [link for link in re.findall(r"\]\(([^)#]+)\)", text) if "://" not in link]
-    assert links
-    for link in links:
-        assert (ROOT / link).exists(), link
+@pytest.mark.parametrize("path", [*MARKDOWN, ROOT / "Makefile", ROOT / "autonerf_lab/pipeline/report.html.jinja"],
+                         ids=lambda path: str(path.relative_to(ROOT)))  # fmt: skip
+def test_documents_are_for_strangers(path):
+    assert not re.search(r"TODO|FIXME|\bissue \d|/work/", path.read_text())
+
+
+def _anchors(path: Path) -> set[str]:
+    """Return the anchors of the headings of a Markdown file, as GitHub and MyST make them."""
+    text = re.sub(r"(?ms)^```.*?^```", "", path.read_text())
+    headings = [heading.replace("`", "") for heading in re.findall(r"(?m)^#+ (.+)$", text)]
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("path", MARKDOWN, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_link_leads_somewhere(path):
+    text = re.sub(r"(?ms)^```.*?^```", "", path.read_text())
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not re.match(r"[a-z]+:", link):
+            name, _, anchor = link.partition("#")
+            target = path.parent / name if name else path
+            assert target.is_file(), f"{path.name} links {link}"
+            assert not anchor or anchor in _anchors(target), f"{link}: {target.name} has no such heading"
 
 
 def _with_venv(**extra: str) -> dict[str, str]:
     return {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}", **extra}
 
 
-def test_wheel_holds_the_package_and_the_frozen_scenes(tmp_path):
-    source = tmp_path / "source"
-    for name in ("autonerf_lab", "data"):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
+@pytest.fixture
+def source(tmp_path):
+    """Return a copy of the repository without what is made from it."""
+    folder = tmp_path / "source"
+    folder.mkdir()
+    made = shutil.ignore_patterns("__pycache__", ".ipynb_checkpoints", "generated")
+    for name in ("autonerf_lab", "data", "notebooks", "examples", "docs", "benchmarks", "tests", ".ci"):
+        shutil.copytree(ROOT / name, folder / name, ignore=made)
+    for path in ROOT.iterdir():
+        if path.is_file():
+            shutil.copy(path, folder)
+    return folder
+
+
+def test_wheel_holds_the_package_and_the_frozen_scenes(tmp_path, source):
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", tmp_path]
     subprocess.run([*command, source], check=True, capture_output=True)
     names = set(zipfile.ZipFile(next(tmp_path.glob("*.whl"))).namelist())
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "autonerf_lab").rglob("*.py")}
     frozen = ROOT / "data/procedural_scenes"
     scenes = {f"autonerf_lab/procedural_scenes/{p.relative_to(frozen)}" for p in frozen.rglob("*") if p.is_file()}
-    assert modules | scenes | {"autonerf_lab/pipeline/report.html.jinja"} <= names
+    assert modules | scenes | {"autonerf_lab/pipeline/report.html.jinja", "autonerf_lab/py.typed"} <= names
+    assert all(name.startswith(("autonerf_lab/", "autonerf_lab-", "autonerf_lab.")) for name in names)
 
 
-# --- .ci/install: what a newcomer meets when something is missing ---------------------------------------------------
+def test_sdist_holds_notebooks_examples_and_documentation(tmp_path, source):
+    code = f"from setuptools.build_meta import build_sdist; build_sdist({str(tmp_path)!r})"
+    subprocess.run([sys.executable, "-c", code], cwd=source, check=True, capture_output=True)
+    with tarfile.open(next(tmp_path.glob("*.tar.gz"))) as archive:
+        names = {member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()}
+    for folder in ("notebooks", "examples", "data", "docs", "tests", "benchmarks", ".ci"):
+        files = {str(path.relative_to(source)) for path in (source / folder).rglob("*") if path.is_file()}
+        files -= {name for name in files if name.startswith("docs/notebooks/")}
+        assert files and files <= names
+    assert {"CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE", "Makefile", "constraints.txt"} <= names
+
+
+# --- .ci/install, with something missing ---------------------------------------------------
 
 
 @pytest.fixture
 def checkout(tmp_path):
-    """The files that the installation reads, and a folder of commands that stand in for the system's."""
+    """Copy the files that the installation reads, beside a folder of commands that replace those of the system."""
     if sys.platform == "win32":
         pytest.skip("a POSIX shell is needed")
     for name in (".ci/install", "Makefile", "apt.txt", "constraints.txt", "pyproject.toml"):
@@ -185,7 +258,7 @@ def _install(checkout: Path, flavour: str = "all", **env: str) -> subprocess.Com
     )
 
 
-# Answers the version check, says whether ensurepip is there, and makes a .venv whose pip obeys $PIP.
+# Fake Python: answers the version check and the test for ensurepip, and makes a .venv whose pip exits with $PIP.
 FAKE_PYTHON = """
 case "$*" in
 *version_info\\[:2\\]\\ \\<=*) exit 0 ;;
@@ -200,20 +273,20 @@ esac
 ALL_INSTALLED = "echo installed"
 
 
-def test_python_that_is_missing(checkout):
-    result = _install(checkout, PYTHON="python-of-nobody")
+def test_missing_python(checkout):
+    result = _install(checkout, PYTHON="missing-python")
     assert result.returncode == 1
-    assert "there is no 'python-of-nobody'" in result.stderr and not (checkout / ".venv").exists()
+    assert "there is no 'missing-python'" in result.stderr and not (checkout / ".venv").exists()
 
 
-def test_python_that_is_too_old(checkout):
+def test_old_python(checkout):
     _command(checkout, "fakepython", 'case "$*" in *--version*) echo "Python 3.9.2" ;; *) exit 1 ;; esac')
     result = _install(checkout)
     assert result.returncode == 1
     assert "Python 3.9.2, and Python 3.11 to 3.13 is needed" in result.stderr and not (checkout / ".venv").exists()
 
 
-def test_missing_packages_without_rights_are_named_and_nothing_is_made(checkout):
+def test_missing_packages_without_root_are_named_and_nothing_is_changed(checkout):
     _command(checkout, "fakepython", FAKE_PYTHON)
     _command(checkout, "id", "echo 1000")
     _command(checkout, "sudo", "exit 1")
@@ -226,7 +299,7 @@ def test_missing_packages_without_rights_are_named_and_nothing_is_made(checkout)
     assert not (checkout / ".venv").exists()
 
 
-def test_missing_packages_are_installed_where_that_is_allowed(checkout):
+def test_missing_packages_are_installed_by_root(checkout):
     _command(checkout, "fakepython", FAKE_PYTHON)
     _command(checkout, "id", "echo 0")
     _command(checkout, "apt-get", f'echo "$@" >>{checkout}/apt.log')
@@ -243,14 +316,14 @@ def test_main_job_needs_no_debian_packages(checkout):
     assert (checkout / ".venv/.installed-base").exists() and not (checkout / ".venv/.installed-all").exists()
 
 
-def test_the_lab_gets_what_the_notebooks_need(checkout):
+def test_lab_installs_the_extras_of_the_notebooks(checkout):
     _command(checkout, "fakepython", FAKE_PYTHON)
     assert _install(checkout, "lab").returncode == 0
     (extras,) = re.findall(r"-e \.\[(.+)\]", (checkout / "pip.log").read_text())
     assert set(extras.split(",")) == FOR_NOTEBOOKS and (checkout / ".venv/.installed-lab").exists()
 
 
-def test_pip_that_fails_leaves_no_stamp_and_the_next_call_goes_on(checkout):
+def test_failed_pip_leaves_no_stamp_and_the_next_call_continues(checkout):
     _command(checkout, "fakepython", FAKE_PYTHON)
     _command(checkout, "dpkg-query", ALL_INSTALLED)
     failed = _install(checkout, PIP="1", PIP_ARGS="--extra-index-url https://example.org/cpu")
@@ -269,7 +342,7 @@ def test_make_installs_once(checkout):
     env = {**os.environ, "PATH": f"{checkout / 'bin'}{os.pathsep}{os.environ['PATH']}"}
     for _ in range(2):
         subprocess.run(["make", "setup", "PYTHON=fakepython"], cwd=checkout, env=env, check=True, capture_output=True)
-        # the fake one does not print, which make takes for a broken .venv
+        # make takes a Python that prints nothing for a broken .venv
         (checkout / ".venv/bin/python").write_text("#!/bin/sh\necho 1\n")
     assert len((checkout / "pip.log").read_text().splitlines()) == 1
 
@@ -282,7 +355,7 @@ def test_example_compares_policies():
     assert header.split()[-2:] == ["random", "frontier"] and line.startswith("dev-0")
 
 
-def test_example_walks_the_whole_chain(tmp_path):
+def test_example_runs_the_whole_chain(tmp_path):
     options = ["--frames", "50", "--scene", "train-01", "--steps", "60", "--preset", "smoke", "--out", tmp_path]
     command = [sys.executable, "examples/whole_chain.py", *options]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

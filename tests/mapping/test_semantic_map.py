@@ -20,7 +20,7 @@ def _at(state, x, y):
 
 
 def _one_pixel(depth, row, label=0, size=65):
-    """A camera at the origin looking along +x that measures one pixel of the middle column."""
+    """Observation of a camera at the origin, looking along +x, with depth in one pixel of the middle column."""
     depths, labels = np.zeros((size, size), np.float32), np.zeros((size, size), np.uint8)
     depths[row, size // 2], labels[row, size // 2] = depth, label
     return Observation(np.zeros((size, size, 3), np.uint8), depths, labels, planar_pose(0.01, 0.01, 0.0))
@@ -31,14 +31,14 @@ def _one_pixel(depth, row, label=0, size=65):
     [
         (2.02, 0.0, True, True),  # at the height of the camera
         (2.02, -0.3, True, True),  # 0.88 - 0.606 = 0.274 m
-        (2.02, -0.33, True, False),  # 0.213 m: below the band, but explored
-        (2.02, 0.01, True, False),  # 0.900 m: just over the camera + 1 cm
+        (2.02, -0.33, True, False),  # 0.213 m: too low for an obstacle, but explored
+        (2.02, 0.01, True, False),  # 0.900 m: more than 1 cm above the camera
         (0.4, 0.0, False, False),  # too near
         (5.2, 0.0, False, False),  # too far
         (0.0, 0.0, False, False),  # no measurement
     ],
 )
-def test_what_one_measurement_marks(depth, up, explored, occupied):
+def test_cells_of_one_depth_measurement(depth, up, explored, occupied):
     focal = 1000.0  # the middle row is the horizon; one row is 1/1000
     row = 400 - round(up * focal)
     camera = Intrinsics(1, 801, focal, focal, 0.5, 400.5)
@@ -53,7 +53,7 @@ def test_what_one_measurement_marks(depth, up, explored, occupied):
     assert after.occupied[cell] == occupied and after.semantics[2][cell] == occupied
 
 
-def test_ground_is_explored_up_to_the_wall_and_not_behind():
+def test_ground_is_explored_up_to_the_wall():
     camera = Intrinsics.from_fov(128, 128)
     sim = Simulator(empty_room(), camera, rgb=False)
     observation = _observe(sim, 1.02, 1.52, 0.0)
@@ -61,15 +61,15 @@ def test_ground_is_explored_up_to_the_wall_and_not_behind():
     for x, y, seen in [(1.6, 1.5, True), (3.9, 1.5, True), (2.6, 2.9, True), (1.6, 2.3, False), (0.5, 1.5, False)]:
         assert after.explored[_at(after, x, y)] == seen, (x, y)
     columns = np.flatnonzero(after.explored.any(axis=0))
-    assert columns.max() == _at(after, 4.0, 1.5)[1]  # the wall's own cells end it
+    assert columns.max() == _at(after, 4.0, 1.5)[1]  # the cells of the wall are the last ones
     wall = after.occupied[:, columns.max()]
-    assert wall.sum() * after.cell == pytest.approx(3.0, abs=0.15)  # 3 m of wall, and gaps nowhere
+    assert wall.sum() * after.cell == pytest.approx(3.0, abs=0.15)  # 3 m of wall without gaps
     # 90 degrees from about (1, 1.5) in a room of 4 x 3 m: a triangle up to the side walls, then a rectangle.
     area = 1.5 * 1.5 + (3.0 - 1.5) * 3.0
     assert after.explored.sum() * after.cell**2 == pytest.approx(area, rel=0.08)
 
 
-def test_furniture_hides_the_floor_behind_it_only_when_it_is_tall():
+def test_only_tall_furniture_hides_the_floor_behind_it():
     sim = Simulator(two_rooms(), CAMERA, rgb=False)
     observation = _observe(sim, 7.62, 2.03, -np.pi / 2)  # towards the refrigerator
     after = update(empty_map(observation.pose), observation, CAMERA)
@@ -82,8 +82,8 @@ def test_furniture_hides_the_floor_behind_it_only_when_it_is_tall():
     assert after.semantics[3][_at(after, 0.4, 2.4)] and after.explored[_at(after, 0.4, 2.9)]
 
 
-def test_an_image_never_writes_behind_what_it_sees():
-    """Against the scene: a ray to an explored cell, at the height of the camera, is not stopped early by a wall."""
+def test_explored_cells_are_visible_in_the_scene():
+    """A ray to an explored cell at the height of the camera does not hit a surface of the scene before it."""
     sim = Simulator(two_rooms(), CAMERA, rgb=False)
     rng = np.random.default_rng(0)
     for _ in range(5):
@@ -95,11 +95,11 @@ def test_an_image_never_writes_behind_what_it_sees():
         flat = np.c_[targets, np.full(len(targets), eye[2])] - eye
         t = sim.cast(np.broadcast_to(eye, flat.shape), flat).t
         beyond = (1 - t) * np.linalg.norm(flat, axis=1)  # metres past the first surface
-        # Past it lie cells a ray over the refrigerator ends in, and a few beside the edge of the doorway.
+        # Exceptions are cells seen above the refrigerator, and a few at the edge of the doorway.
         assert (beyond > 0.15).sum() <= 0.015 * max(len(beyond), 1)
 
 
-def test_updates_are_pure_and_only_add():
+def test_updates_do_not_modify_their_input_and_never_clear_cells():
     sim = Simulator(two_rooms(), CAMERA, rgb=False)
     state = empty_map(sim.reset(seed=1).pose)
     rng = np.random.default_rng(0)
@@ -119,7 +119,7 @@ def test_updates_are_pure_and_only_add():
         state = after
 
 
-def test_viewpoints_name_the_direction_back_to_the_camera():
+def test_viewpoints_are_directions_from_the_cell_to_the_camera():
     sim = Simulator(empty_room(), CAMERA, rgb=False)
     # Seen from the west: the camera lies at 180 degrees, bin 6 = [180, 210) or bin 5 = [150, 180).
     west = _observe(sim, 0.5, 1.45, 0.0)
@@ -140,7 +140,7 @@ def test_visited_is_the_disc_of_the_body():
     assert after.visited.sum() * after.cell**2 == pytest.approx(np.pi * 0.18**2, rel=0.15)
 
 
-def test_the_border_of_the_map_is_the_end_of_the_world():
+def test_points_outside_the_map_are_ignored():
     sim = Simulator(two_rooms(), CAMERA, rgb=False)
     observation = _observe(sim, 1.0, 1.5, 0.0)
     after = update(empty_map(observation.pose, size=20), observation, CAMERA)
@@ -149,11 +149,11 @@ def test_the_border_of_the_map_is_the_end_of_the_world():
     np.testing.assert_array_equal(update(after, moved, CAMERA).explored, after.explored)
 
 
-def test_wrong_cameras_are_refused():
+def test_mismatched_and_tilted_cameras_are_refused():
     sim = Simulator(empty_room(), CAMERA, rgb=False)
     observation = _observe(sim, 2.0, 1.5, 0.0)
     state = empty_map(observation.pose)
-    with pytest.raises(ValueError, match="do not belong"):
+    with pytest.raises(ValueError, match="do not match"):
         update(state, observation, CAMERA.resized(32, 32))
     tilted = observation.pose.copy()
     tilted[:3, :3] = tilted[:3, :3] @ np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
@@ -161,7 +161,7 @@ def test_wrong_cameras_are_refused():
         update(state, Observation(observation.rgb, observation.depth, observation.semantics, tilted), CAMERA)
 
 
-def test_a_mapper_makes_the_same_maps_in_place():
+def test_the_mapper_equals_update():
     sim = Simulator(load_scene("train-01"), Intrinsics.from_fov(24, 24), rgb=False)
     observation = sim.reset(seed=3)
     start = empty_map(observation.pose, 200, 0.1)

@@ -1,4 +1,4 @@
-"""Encodings, sampling and volume rendering: values worked by hand, invariants and gradients."""
+"""Encodings, sampling and volume rendering: values computed by hand, invariants and gradients."""
 
 import numpy as np
 import pytest
@@ -46,15 +46,15 @@ def test_spherical_harmonics_are_orthonormal() -> None:
 
 
 def test_weights_by_hand() -> None:
-    starts, ends = torch.tensor([[0.0, 2.0, 4.0]]), torch.tensor([[1.0, 4.0, 5.0]])  # nothing between 1 and 2
+    starts, ends = torch.tensor([[0.0, 2.0, 4.0]]), torch.tensor([[1.0, 4.0, 5.0]])  # empty between 1 and 2
     sigma = torch.tensor([[np.log(2), np.log(2), 0.0]], dtype=torch.float32)
     weights = rendering.weights_from_density(sigma, starts, ends)
     torch.testing.assert_close(weights, torch.tensor([[0.5, 0.5 * 0.75, 0.0]]))
-    # half of the light collected (0.4375 of 0.875) lies 0.875 of the first bin away
+    # Half of the total weight (0.4375 of 0.875) is reached at 0.875 of the first bin.
     torch.testing.assert_close(rendering.median_depth(weights, starts, ends), torch.tensor([0.875]))
 
 
-def test_warp_is_undone() -> None:
+def test_unwarp_inverts_warp() -> None:
     t = torch.tensor([0.05, 1.0, 3.999, 4.001, 15.0, 1000.0], dtype=torch.float64)
     torch.testing.assert_close(rendering.unwarp(rendering.warp(t, 4.0), 4.0), t)
 
@@ -72,17 +72,17 @@ def test_resampling_follows_the_weights() -> None:
 def test_losses_by_hand() -> None:
     edges = torch.tensor([[0.0, 1.0, 2.0]])
     bins = edges[:, :-1], edges[:, 1:]
-    # all weight in one bin of width 1, of a warped width of 1 / 8: 1 * (1 / 8) / 3
+    # All weight in one bin of width 1, with a warped width of 1 / 8: 1 * (1 / 8) / 3.
     loss = rendering.distortion_loss(torch.tensor([[1.0, 0.0]]), *bins, turn=4.0)
     torch.testing.assert_close(loss, torch.tensor([1 / 24]))
     fine_edges, fine = torch.tensor([[0.0, 0.5, 1.5, 2.0]]), torch.tensor([[0.2, 0.6, 0.2]])
-    # the middle bin lies over both proposal bins (0.5), the others over one each (0.1 and 0.4)
+    # The middle bin overlaps both proposal bins (0.5), the others overlap one each (0.1 and 0.4).
     expected = 0.1**2 / 0.2 + 0.1**2 / 0.6
     found = rendering.interlevel_loss(edges, torch.tensor([[0.1, 0.4]]), fine_edges, fine)
     torch.testing.assert_close(found, torch.tensor([expected]), rtol=1e-5, atol=1e-6)
 
 
-def test_box_keeps_metres_inside_and_holds_the_world() -> None:
+def test_box_is_metric_inside_and_contains_the_world() -> None:
     box = SceneBox.around(np.array([[0.0, 0, 1], [4, 2, 1]]), margin=1.0, shell=0.25)
     inside = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
     np.testing.assert_allclose(np.diff(box.contract(inside), axis=0)[0] * box.size, [1, 0, 0], atol=1e-6)

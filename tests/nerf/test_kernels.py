@@ -1,4 +1,4 @@
-"""The fused CPU kernels against the torch reference: values and every gradient."""
+"""Comparison of the fused CPU kernels with the torch reference: values and all gradients."""
 
 from dataclasses import replace
 
@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from autonerf_lab.nerf.fields.hash_field import HashField
+from autonerf_lab.nerf.fields.torch_field import RenderedTensors
 from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
 from autonerf_lab.nerf.kernels import dense
 from autonerf_lab.nerf.model import Model
@@ -26,13 +27,13 @@ SETTINGS = ProposalSettings(
 
 
 def small_models(settings: ProposalSettings = SETTINGS, classes: int = 16) -> tuple[Model, Model]:
-    """The same parameters twice: kernels in float32, autograd in double."""
+    """Return two models with equal parameters: kernels in float32, autograd in double."""
     models = [
         semantic_nerfacto.build(settings, BOX, 3, classes, np.random.default_rng(0), device) for device in (None, "cpu")
     ]
     rng = np.random.default_rng(1)
     for name, value in models[0].parameters.items():
-        if name.endswith(("table", "appearance")):  # large features: every branch is taken
+        if name.endswith(("table", "appearance")):  # large features reach all branches
             value[...] = rng.normal(size=value.shape)
         models[1].parameters[name].data = torch.from_numpy(np.asarray(value)).double()
     return models[0], models[1]
@@ -61,7 +62,7 @@ def test_training_step_agrees_with_autograd(options: dict) -> None:
         assert np.abs(gradients[name] - wanted.numpy()).max() <= 2e-3 * wanted.abs().max(), name
 
 
-def test_a_field_without_classes_agrees_too() -> None:
+def test_a_field_without_classes_agrees_with_autograd() -> None:
     kernels, reference = small_models(classes=0)
     rays, targets = some_rays()
     expected_gradients, expected = reference.train_step(rays, targets, np.random.default_rng(5))
@@ -91,7 +92,7 @@ def test_queries_agree_with_the_reference() -> None:
         (kernels.field.color(points, directions), reference.field.color(points, directions)),
         (kernels.field.logits(points), reference.field.logits(points)),
     ):
-        # rounding puts a few points into the next cell, where the slope is another
+        # rounding moves a few points into the next cell, with another slope
         assert np.quantile(np.abs(a - b), 0.99) <= 2e-3 * np.abs(b).max()
 
 
@@ -110,11 +111,11 @@ def test_gradients_of_rays_agree_with_autograd() -> None:
     pairs += [(learned.d_origins, expected.d_origins), (learned.d_directions, expected.d_directions)]
     for a, b in pairs:
         assert a is not None and b is not None
-        # the slope of a trilinear cell jumps at its faces, and rounding puts a few samples on the other side
+        # The slope of a trilinear cell jumps at its faces, and rounding moves a few samples to the other side.
         assert np.quantile(np.abs(a - b), 0.95) <= 1e-3 * np.abs(b).max()
 
 
-def test_marching_agrees_with_the_reference_and_skips_what_is_empty() -> None:
+def test_marching_agrees_with_the_reference_and_skips_empty_cells() -> None:
     settings = OccupancySettings(samples=12, candidates=64, cell=0.25, far=6.0, reach=0.5, levels=4)
     kernels, reference = OccupancySampler(settings, BOX), TorchOccupancySampler(settings, BOX, "cpu")
     rng = np.random.default_rng(4)
@@ -129,23 +130,23 @@ def test_marching_agrees_with_the_reference_and_skips_what_is_empty() -> None:
         close = np.isclose(a.starts, b.starts, atol=2e-4) & np.isclose(a.ends, b.ends, atol=2e-4)
         assert close.mean() > 0.97  # rounding moves a few steps of a ray into the next cell
         assert (a.starts[:, 1:] >= a.ends[:, :-1] - 1e-4).all()
-        middles = rays.origins[:, None] + a.middles[..., None] * rays.directions[:, None]
+        middles = rays.origins[:, None] + a.midpoints[..., None] * rays.directions[:, None]
         cells = (BOX.contract(middles.reshape(-1, 3)) * density.shape).astype(int)
-        assert (density[tuple(cells.T)] > 0).mean() > 0.8  # the steps are finer than the bins, not exact
+        assert (density[tuple(cells.T)] > 0).mean() > 0.8  # steps along the ray sample the cells approximately
 
 
-def test_a_ray_through_nothing_is_divided_as_a_whole() -> None:
+def test_a_ray_through_empty_space_is_divided_over_its_whole_length() -> None:
     settings = OccupancySettings(samples=4, candidates=32, near=1.0, far=3.0, turn=4.0, levels=4)
     sampler = OccupancySampler(settings, BOX)
     sampler.state["occupancy"][...] = 0
-    sampler.state["occupancy"][0, 0, 0] = 1e6  # nothing else counts as fog
+    sampler.state["occupancy"][0, 0, 0] = 1e6  # raises the mean, so that no other cell counts as occupied
     rays = Rays(np.zeros((8, 3), np.float32), np.tile(np.float32([1, 0, 0]), (8, 1)))
     samples = sampler.sample(rays, np.full(8, 0.5, np.float32))
     np.testing.assert_allclose(samples.starts[0], [1, 1.5, 2, 2.5], atol=1e-3)
     np.testing.assert_allclose(samples.ends[0], [1.5, 2, 2.5, 3], atol=1e-3)
 
 
-def test_bins_that_do_not_touch() -> None:
+def test_bins_with_gaps() -> None:
     kernels, reference = small_models()
     rays, targets = some_rays()
     edges = np.sort(np.random.default_rng(6).uniform(0.1, 5, (RAYS, 16)), axis=1).astype(np.float32)
@@ -156,9 +157,47 @@ def test_bins_that_do_not_touch() -> None:
         assert a.losses[name] == pytest.approx(value, rel=1e-4), name
 
 
+def test_any_number_of_rays_is_accepted() -> None:
+    """37 rays do not fill whole tiles; padding adds no loss and no gradient."""
+    kernels, reference = small_models()
+    rays, targets = some_rays()
+    assert rays.frames is not None
+    rays = Rays(rays.origins[:37], rays.directions[:37], rays.frames[:37])
+    targets = Targets(targets.color[:37], targets.labels[:37], targets.depth[:37])
+    expected_gradients, expected = reference.train_step(rays, targets, np.random.default_rng(5))
+    gradients, losses = kernels.train_step(rays, targets, np.random.default_rng(5))
+    for name, value in expected.items():
+        assert losses[name] == pytest.approx(value, rel=1e-4), name
+    for name, wanted in expected_gradients.items():
+        assert np.abs(gradients[name] - wanted.numpy()).max() <= 2e-3 * wanted.abs().max(), name
+    samples = kernels.sampler.sample(rays, np.full(37, 0.5, np.float32))
+    assert samples.starts.shape == (37, SETTINGS.samples)
+    output = kernels.field.train(rays, samples, targets, np.random.default_rng(3), True)
+    assert output.weights.shape == samples.starts.shape and output.d_origins is not None
+    assert output.d_origins.shape == (37, 3) and kernels.field.render(rays, samples).color.shape == (37, 3)
+
+
+def test_a_custom_loss_extends_the_loss_of_the_field() -> None:
+    class OpaqueField(TorchHashField):
+        def loss(self, rendered: RenderedTensors, targets: Targets) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+            total, losses = super().loss(rendered, targets)
+            losses["transparency"] = rendered.left.mean()
+            return total + losses["transparency"], losses
+
+    plain, opaque = (
+        kind(SETTINGS, BOX, 3, 16, np.random.default_rng(0), "cpu") for kind in (TorchHashField, OpaqueField)
+    )
+    rays, targets = some_rays()
+    samples = small_models()[0].sampler.sample(rays, np.full(RAYS, 0.5, np.float32))
+    a, b = (field.train(rays, samples, targets, np.random.default_rng(3), False) for field in (plain, opaque))
+    assert b.losses["transparency"] == pytest.approx(1 - float(b.weights.sum(axis=1).mean()), abs=1e-5)
+    assert {name: b.losses[name] for name in a.losses} == a.losses
+    assert not torch.equal(a.gradients["density_1"], b.gradients["density_1"])
+
+
 @pytest.mark.parametrize(("rows", "columns", "n"), [(4, 4, 16), (8, 20, 48), (16, 6, 32), (0, 4, 16), (4, 4, 0)])
 def test_dense_layers_are_products_of_matrices(rows: int, columns: int, n: int) -> None:
-    """Whole numbers, so that no order of summation rounds; what lies beyond n is left alone."""
+    """Integer values are summed without rounding in any order; columns beyond n stay unchanged."""
     rng = np.random.default_rng(7)
     weights, x, y, upstream = (
         rng.integers(-9, 10, shape).astype(np.float32)

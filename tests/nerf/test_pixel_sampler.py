@@ -1,4 +1,4 @@
-"""Which pixels a batch is made of."""
+"""Sampling of training pixels."""
 
 import numpy as np
 import pytest
@@ -7,39 +7,39 @@ from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.nerf.frame import FieldFrame
-from autonerf_lab.nerf.pixel_sampler import Pixels
+from autonerf_lab.nerf.pixel_sampler import PixelSampler
 
 CAMERA = Intrinsics.from_fov(100, 101)
 
 
-def pixels_of(labels: np.ndarray | None) -> Pixels:
-    """One photograph of 10,100 pixels, and a second without anything."""
+def pixels_of(labels: np.ndarray | None) -> PixelSampler:
+    """Return a sampler of two images of 10,100 pixels; ``labels`` are those of the first, the second is all class 0."""
     poses = np.stack([planar_pose(0, 0, 0), planar_pose(1, 0, 0)])
     images = np.zeros((2, 101, 100, 3), np.uint8)
     semantics = None if labels is None else np.stack([labels, np.zeros_like(labels)])
-    return Pixels(Dataset.of(Trajectory(poses, images, None, semantics, CAMERA)), FieldFrame())
+    return PixelSampler(Dataset.from_trajectory(Trajectory(poses, images, None, semantics, CAMERA)), FieldFrame())
 
 
 @pytest.fixture
-def rare() -> Pixels:
-    """Class 0 has 20,100 pixels, class 3 has 100: the last row of the first photograph; no other class occurs."""
+def rare() -> PixelSampler:
+    """Class 0 has 20,100 pixels, class 3 has 100: the last row of the first image. Other classes are absent."""
     labels = np.zeros((101, 100), np.uint8)
     labels[100] = 3
     return pixels_of(labels)
 
 
-def test_a_share_of_the_batch_is_drawn_by_class(rare: Pixels) -> None:
-    drawn = rare.draw(200_000, np.random.default_rng(0), by_class=0.4)
+def test_a_share_of_the_batch_is_sampled_by_class(rare: PixelSampler) -> None:
+    sampled = rare.sample(200_000, np.random.default_rng(0), by_class=0.4)
     common, few = np.sqrt(20_100), np.sqrt(100)
     expected = 0.6 * 100 / 20_200 + 0.4 * few / (few + common)
-    assert (rare.labels[drawn] == 3).mean() == pytest.approx(expected, rel=0.03)
-    counts = np.bincount(drawn[rare.labels[drawn] == 3] - 10_000, minlength=100)
-    assert len(counts) == 100 and counts.min() > 0.6 * counts.mean()  # every pixel of the class alike
+    assert (rare.labels[sampled] == 3).mean() == pytest.approx(expected, rel=0.03)
+    counts = np.bincount(sampled[rare.labels[sampled] == 3] - 10_000, minlength=100)
+    assert len(counts) == 100 and counts.min() > 0.6 * counts.mean()  # uniform within the class
 
 
-def test_without_a_share_and_without_labels_all_pixels_are_alike(rare: Pixels) -> None:
+def test_sampling_is_uniform_without_a_share_or_without_labels(rare: PixelSampler) -> None:
     for pixels in (rare, pixels_of(None)):
         share = 0.0 if pixels.labels is not None else 0.4
-        drawn = pixels.draw(200_000, np.random.default_rng(0), by_class=share)
-        last = (drawn >= 10_000) & (drawn < 10_100)
+        sampled = pixels.sample(200_000, np.random.default_rng(0), by_class=share)
+        last = (sampled >= 10_000) & (sampled < 10_100)
         assert last.mean() == pytest.approx(100 / 20_200, rel=0.1)

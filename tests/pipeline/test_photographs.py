@@ -1,4 +1,4 @@
-"""``autonerf-lab fit PHOTOGRAPHS --out DIR``: what it makes, what it leaves alone, and what it refuses."""
+"""``autonerf-lab fit PHOTOGRAPHS --out DIR``: outputs, resuming and errors."""
 
 import json
 from dataclasses import replace
@@ -21,7 +21,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def quick(monkeypatch):
-    """A smoke preset of a second."""
+    """Reduce the smoke preset to a second of training."""
     monkeypatch.setitem(SETTINGS, "smoke", replace(SETTINGS["smoke"], rays=256, steps=20))
 
 
@@ -30,7 +30,7 @@ def test_fit_of_photographs_on_the_command_line(folder, tmp_path, quick, capsys)
     command = ["fit", str(folder), "--out", str(out), "--preset", "smoke", "--seed", "3"]
     assert cli.main(command) == 0
     printed = capsys.readouterr().out
-    assert "15 photographs to train on, 3 held out" in printed
+    assert "15 training photographs, 3 held-out photographs" in printed
     assert "held_out | psnr" in printed and "nearest_view" in printed and f"field: {out / 'nerf'}" in printed
     made = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert made == {"nerf/nerf.json", "nerf/nerf.safetensors", "scores.json", "baselines/nearest_view.json"}
@@ -43,26 +43,26 @@ def test_fit_of_photographs_on_the_command_line(folder, tmp_path, quick, capsys)
     assert cli.main([*command, "--overwrite"]) == 0
 
 
-def test_an_interrupted_fit_of_photographs_goes_on(folder, tmp_path, quick, monkeypatch):
-    whole = photographs.fit_capture(folder, tmp_path / "whole", preset="smoke")
+def test_interrupted_fit_of_photographs_continues(folder, tmp_path, quick, monkeypatch):
+    whole = photographs.fit_photographs(folder, tmp_path / "whole", preset="smoke")
     monkeypatch.setattr(checkpoint, "SAVE_EVERY", 0.0)
-    save, saved = checkpoint.TrainingState.save_now_and_then, []
+    save, saved = checkpoint.TrainingState.save_periodically, []
 
-    def tired(self, out):
+    def interrupt(self, out):
         save(self, out)
         saved.append(self.step)
         if self.step == 7:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(checkpoint.TrainingState, "save_now_and_then", tired)
+    monkeypatch.setattr(checkpoint.TrainingState, "save_periodically", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        photographs.fit_capture(folder, tmp_path / "again", preset="smoke")
-    again = photographs.fit_capture(folder, tmp_path / "again", preset="smoke")
+        photographs.fit_photographs(folder, tmp_path / "again", preset="smoke")
+    again = photographs.fit_photographs(folder, tmp_path / "again", preset="smoke")
     assert saved[6:9] == [7, 8, 9]
     assert again["held_out", "psnr"] == whole["held_out", "psnr"]
 
 
-def test_what_a_fit_of_photographs_does_not_touch(folder, tmp_path, capsys):
+def test_other_files_are_not_changed(folder, tmp_path, capsys):
     (tmp_path / "diary").mkdir()
     (tmp_path / "diary/monday.txt").write_text("rain")
     (tmp_path / "run").mkdir()
@@ -71,18 +71,19 @@ def test_what_a_fit_of_photographs_does_not_touch(folder, tmp_path, capsys):
         assert cli.main(["fit", str(folder), "--out", str(tmp_path / out), "--overwrite"]) == 1
         assert words in capsys.readouterr().err
     assert cli.main(["fit", str(folder)]) == 1
-    assert "--out says where their field goes" in capsys.readouterr().err
+    assert "give the output folder with --out" in capsys.readouterr().err
     assert cli.main(["fit", str(tmp_path / "run"), "--preset", "smoke"]) == 1
-    assert "a run has its preset" in capsys.readouterr().err
+    assert "a run has its own preset" in capsys.readouterr().err
     assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {"monday.txt", "run.json"}
 
 
-def spoil(**changes):
-    """A change of the content of transforms.json."""
+def top_level(**changes):
+    """Return a function that changes top-level entries of transforms.json."""
     return lambda content: content.update(changes)
 
 
 def frame(number, **changes):
+    """Return a function that changes entries of one frame of transforms.json."""
     return lambda content: content["frames"][number].update(changes)
 
 
@@ -93,7 +94,7 @@ SINGULAR = [[1, 0, 0, 0], [0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (spoil(frames=[]), "at least one frame"),
+        (top_level(frames=[]), "at least one frame"),
         (lambda content: content["frames"].__delitem__(slice(1, None)), "two different poses"),
         (lambda content: [f.update(transform_matrix=POSE) for f in content["frames"]], "two different poses"),
         (frame(1, file_path="gone.png"), "'gone.png' does not exist"),
@@ -104,12 +105,12 @@ SINGULAR = [[1, 0, 0, 0], [0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
         (frame(0, k1=float("nan")), "frame 0: 'k1' must be a finite number"),
     ],
 )
-def test_bad_captures_are_one_line_on_the_command_line(tmp_path, capsys, change, words):
+def test_invalid_captures_give_a_one_line_error(tmp_path, capsys, change, words):
     folder = make(tmp_path / "capture")
     content = json.loads((folder / "transforms.json").read_text())
     change(content)
     (folder / "transforms.json").write_text(json.dumps(content))
     assert cli.main(["fit", str(folder), "--out", str(tmp_path / "out"), "--preset", "smoke"]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith("error: ") and said.count("\n") == 1 and words in said
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1 and words in error
     assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""The report is one page that needs nothing else, shows what it is given, and runs none of it."""
+"""The report: a self-contained page that shows the data of a run and escapes all text."""
 
 import html.parser
 import re
@@ -10,7 +10,7 @@ import pytest
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.pipeline.gallery import Gallery, read_gallery
-from autonerf_lab.pipeline.report import METRICS, render, score_table, write_report
+from autonerf_lab.pipeline.report import render, score_table, write_report
 from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, open_run
 from autonerf_lab.types import Score
 
@@ -19,7 +19,7 @@ EVIL = "<img src=x onerror=alert(1)>"
 
 @pytest.fixture
 def run(tmp_path):
-    """A finished run with one picture a section, one animation, and hostile names."""
+    """A finished run with one figure per section, one animation, and hostile names."""
     run = open_run(tmp_path, RunConfig(EVIL, "f00d", "frontier", "smoke", 0, "semantic-nerfacto"))
     rng = np.random.default_rng(0)
     gallery = Gallery(run / "figures", "evaluate")
@@ -31,7 +31,7 @@ def run(tmp_path):
             partial(np.copy, image),
             title=EVIL,
             caption=f"About {section}",
-            alt=f"A picture of {section}",
+            alt=f"A figure of {section}",
         )
     frames = [rng.integers(0, 255, (20, 30, 3), dtype=np.uint8) for _ in range(3)]
     gallery.add(
@@ -49,12 +49,12 @@ def run(tmp_path):
     Scores([Score("rendering", "psnr", 14.25, "dB")]).save(run / "baselines/nearest_view.json")
     Scores([Score("rendering", "psnr", 60.0, "dB")]).save(run / "baselines/oracle.json")
     for stage in STAGES[:-1]:
-        run.mark(stage, 12.0, 1.25)
+        run.mark_finished(stage, 12.0, 1.25)
     return run
 
 
 class Page(html.parser.HTMLParser):
-    """Collects tags, and complains about what is not closed."""
+    """HTML parser that collects tags and checks that all are closed."""
 
     def __init__(self, text):
         super().__init__()
@@ -71,7 +71,7 @@ class Page(html.parser.HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_page_is_whole_and_needs_nothing_else(run):
+def test_page_is_valid_and_self_contained(run):
     path = write_report(run)
     text = path.read_text()
     page = Page(text)
@@ -101,7 +101,7 @@ def test_animation_has_a_still_for_paper(run):
     assert still[0]["srcset"].startswith("data:image/png")
 
 
-def test_scores_stand_beside_the_paper_and_the_yardsticks(run):
+def test_scores_are_compared_with_the_paper_and_the_baselines(run):
     text = re.sub(r"\s+", " ", render(run))
     assert "22.50</td> <td>25.56</td><td>19.75</td><td>14.25</td><td>–</td><td>60.00</td>" in text
     assert "no weights</td>" in text
@@ -109,17 +109,11 @@ def test_scores_stand_beside_the_paper_and_the_yardsticks(run):
     assert "60 s" in text or ">60<" in text  # five stages of 12 s
 
 
-def test_what_is_not_installed_is_said_with_the_way_to_get_it(run):
+def test_missing_extras_are_explained(run):
     assert "--lpips-weights FILE" in render(run) and "open3d" not in render(run)
     Scores([Score("mesh", "a_new_metric", None, status="open3d_missing")]).save(run / "baselines/tsdf.json")
     text = render(run)
     assert "<td>no open3d</td>" in text and 'pip install "autonerf-lab[open3d]"' in text
-
-
-def test_every_metric_has_a_name():
-    from autonerf_lab.evaluators import METRICS as EVALUATED
-
-    assert {(task, metric) for task, metrics in EVALUATED.items() for metric in metrics} <= set(METRICS)
 
 
 def test_table_keeps_the_order_of_the_rows():
@@ -128,19 +122,21 @@ def test_table_keeps_the_order_of_the_rows():
     assert [(task["title"], len(task["rows"])) for task in table] == [("Maps", 2), ("Rendering", 1)]
 
 
-def test_sections_without_pictures_are_left_out(run):
-    assert 'id="walk"' not in render(run)
-    assert 'id="planning"' in render(run)
+def test_sections_need_a_figure_or_a_score(run):
+    assert 'id="trajectory"' not in render(run) and 'id="planning"' in render(run)
+    (run / "figures/evaluate.json").unlink()
+    text = render(run)
+    assert 'id="planning"' not in text and 'id="maps"' in text, "maps have scores"
 
 
-def test_unfinished_run_says_what_comes_first(tmp_path):
+def test_unfinished_run_names_the_missing_stage(tmp_path):
     run = open_run(tmp_path, RunConfig("val-0", "f00d", "frontier", "smoke"))
-    with pytest.raises(RunFolderError, match="`autonerf-lab evaluate` comes first"):
+    with pytest.raises(RunFolderError, match="run `autonerf-lab evaluate` first"):
         write_report(run)
 
 
 @pytest.mark.parametrize("damage", ["missing", "cut", "foreign"])
-def test_damaged_picture_is_named(run, damage):
+def test_damaged_figure_is_named(run, damage):
     path = run / "figures/evaluate_maps.png"
     data = path.read_bytes()
     if damage == "missing":
@@ -152,12 +148,12 @@ def test_damaged_picture_is_named(run, damage):
 
 
 @pytest.mark.parametrize("name", ["../secret.png", "/etc/passwd", "report.html", "a/b.png", 5])
-def test_list_of_pictures_cannot_reach_outside(run, name):
+def test_list_of_figures_cannot_reach_outside(run, name):
     import json
 
     path = run / "figures/evaluate.json"
     content = json.loads(path.read_text())
-    content["pictures"][0]["file"] = name
+    content["figures"][0]["file"] = name
     path.write_text(json.dumps(content))
     with pytest.raises(DataError, match=r"evaluate\.json"):
         read_gallery(run / "figures", "evaluate")
@@ -172,7 +168,7 @@ def test_matplotlib_figures_are_drawn_and_closed(tmp_path):
     assert not plt.get_fignums()
 
 
-def test_a_gallery_draws_what_is_wanted_and_no_animation_of_nothing(tmp_path):
+def test_a_gallery_draws_only_the_chosen_figures_and_no_empty_animation(tmp_path):
     drawn = []
 
     def draw(name, image):
@@ -183,5 +179,5 @@ def test_a_gallery_draws_what_is_wanted_and_no_animation_of_nothing(tmp_path):
         gallery.add("maps", name, draw(name, image), title="t", caption="c", alt="a")
     gallery.close()
     assert drawn == ["wanted", "empty"]
-    assert [picture.file for picture in read_gallery(tmp_path, "evaluate")] == ["evaluate_wanted.png"]
+    assert [figure.file for figure in read_gallery(tmp_path, "evaluate")] == ["evaluate_wanted.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["evaluate.json", "evaluate_wanted.png"]

@@ -1,4 +1,4 @@
-"""A run folder says what it holds, is never mixed up, and loses nothing that was not asked to go."""
+"""Run folder: configuration, progress, overwriting and locks."""
 
 import errno
 import json
@@ -18,12 +18,22 @@ CONFIG = RunConfig("val-0", "f00d", "frontier", "smoke", 0, "semantic-nerfacto")
 
 def finish(run, *stages):
     for stage in stages:
-        run.mark(stage, 1.0, 0.5)
+        run.mark_finished(stage, 1.0, 0.5)
 
 
-def test_new_folder_says_at_once_what_the_run_is(tmp_path):
+def test_new_folder_stores_the_configuration_first(tmp_path):
     open_run(tmp_path / "a" / "b", CONFIG)
     assert load_run(tmp_path / "a" / "b").config == CONFIG
+
+
+def test_run_json_without_overrides_is_readable(tmp_path):
+    """Older files have no entries for steps, map and camera."""
+    open_run(tmp_path, CONFIG)
+    content = json.loads((tmp_path / "run.json").read_text())
+    for key in ("steps", "map_size", "width", "height", "hfov_deg"):
+        del content["config"][key]
+    (tmp_path / "run.json").write_text(json.dumps(content))
+    assert load_run(tmp_path).config == CONFIG
 
 
 def test_unfinished_run_is_continued(tmp_path):
@@ -45,7 +55,7 @@ def test_finished_run_is_refused_and_kept(tmp_path):
     assert (tmp_path / "run.json").read_bytes() == before
 
 
-def test_a_run_counts_as_finished_only_with_every_stage(tmp_path):
+def test_run_is_finished_only_with_every_stage(tmp_path):
     finish(open_run(tmp_path, CONFIG), "scene", "explore", "fit", "evaluate", "report")
     assert not open_run(tmp_path, CONFIG).finished("mesh")
 
@@ -54,11 +64,13 @@ def test_a_run_counts_as_finished_only_with_every_stage(tmp_path):
     ("change", "words"),
     [
         ({"scene": "val-1", "scene_sha256": "beef"}, "scene is 'val-0', not 'val-1'"),
-        ({"scene_sha256": "beef"}, "'val-0' is not the apartment it was"),
+        ({"scene_sha256": "beef"}, "scene 'val-0' has changed since the run began"),
         ({"policy": "random"}, "policy is 'frontier', not 'random'"),
         ({"preset": "fast"}, "preset is 'smoke', not 'fast'"),
         ({"seed": 3}, "seed is 0, not 3"),
         ({"model": "other"}, "model is 'semantic-nerfacto', not 'other'"),
+        ({"steps": 100}, "steps is unset, not 100"),
+        ({"width": 64, "height": 48}, "width is unset, not 64; height is unset, not 48"),
     ],
 )
 def test_another_run_is_refused_with_the_difference(tmp_path, change, words):
@@ -68,7 +80,7 @@ def test_another_run_is_refused_with_the_difference(tmp_path, change, words):
     assert words in str(caught.value)
 
 
-def test_model_may_be_chosen_later(tmp_path):
+def test_model_may_be_set_later(tmp_path):
     open_run(tmp_path, replace(CONFIG, model=None))
     assert open_run(tmp_path, CONFIG).config.model is None
 
@@ -94,7 +106,7 @@ def test_damaged_run_json_is_one_clear_error(tmp_path, content):
     assert open_run(tmp_path, CONFIG, overwrite=True).config == CONFIG
 
 
-def test_folder_of_somebody_else_is_refused_even_with_overwrite(tmp_path):
+def test_folder_with_other_files_is_refused_even_with_overwrite(tmp_path):
     (tmp_path / "thesis.tex").write_text("years")
     for overwrite in (False, True):
         with pytest.raises(RunFolderError, match="not a run folder"):
@@ -102,12 +114,12 @@ def test_folder_of_somebody_else_is_refused_even_with_overwrite(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-def test_kill_during_the_very_first_write_can_be_resumed(tmp_path):
+def test_run_killed_during_the_first_write_can_be_resumed(tmp_path):
     (tmp_path / ".run.json.x7h2").write_text('{"versi')
     assert open_run(tmp_path, CONFIG).config == CONFIG
 
 
-def test_overwrite_removes_what_the_run_wrote_and_nothing_else(tmp_path):
+def test_overwrite_removes_only_outputs_of_the_run(tmp_path):
     finish(open_run(tmp_path, CONFIG), *STAGES)
     mine = [pattern.replace("*", "1") for patterns in OUTPUTS.values() for pattern in patterns]
     theirs = ["notes.txt", "trajectory/images/best.jpg", "mesh/edited.blend", "photos/a/b.png"]
@@ -120,40 +132,37 @@ def test_overwrite_removes_what_the_run_wrote_and_nothing_else(tmp_path):
     assert not (tmp_path / "nerf").exists() and not load_run(tmp_path).stages
 
 
-def test_doing_a_stage_again_removes_what_was_made_from_it(tmp_path):
+def test_running_a_stage_again_removes_dependent_results(tmp_path):
     run = open_run(tmp_path, CONFIG)
     finish(run, *STAGES)
     for name in ("nerf/a.json", "scores.json", "mesh/a.glb", "report.html"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(name)
     with pytest.raises(RunFolderError, match="`evaluate` is finished; --overwrite"):
-        run.begin_again("evaluate", overwrite=False)
-    run.begin_again("evaluate", overwrite=True)
+        run.clear_stage("evaluate", overwrite=False)
+    run.clear_stage("evaluate", overwrite=True)
     assert list(load_run(tmp_path).stages) == ["scene", "explore", "fit", "mesh"]
     left = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
     assert left == {"nerf/a.json", "mesh/a.glb", "run.json"}
 
 
 def test_two_processes_do_not_share_a_folder(tmp_path):
-    pytest.importorskip("fcntl")
     with locked(tmp_path), pytest.raises(RunFolderError, match="another process"), locked(tmp_path):
         pass
-    with locked(tmp_path):  # and the lock is free again
+    with locked(tmp_path):  # the lock is free again
         pass
 
 
-def test_a_lock_leaves_nothing_and_one_of_a_killed_process_is_nobody_s(tmp_path):
-    pytest.importorskip("fcntl")
+def test_lock_file_is_removed_and_that_of_a_killed_process_is_not_locked(tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run/.lock").touch()
     with locked(tmp_path / "run"):
-        assert not open_run(tmp_path / "run", CONFIG).finished("scene"), "a lock is not somebody's file"
+        assert not open_run(tmp_path / "run", CONFIG).finished("scene"), "the lock file does not count"
         assert (tmp_path / "run/.lock").exists()
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["run.json"]
 
 
-def test_who_waits_gets_the_folder_also_when_it_is_removed_meanwhile(tmp_path):
-    pytest.importorskip("fcntl")
+def test_waiting_process_gets_the_lock_of_a_removed_folder(tmp_path):
     path, order = tmp_path / "work", []
 
     def second():
@@ -173,8 +182,7 @@ def test_who_waits_gets_the_folder_also_when_it_is_removed_meanwhile(tmp_path):
     assert path.exists() and not list(path.iterdir())
 
 
-def test_who_leaves_a_removed_folder_leaves_the_lock_of_the_next_one_alone(tmp_path):
-    pytest.importorskip("fcntl")
+def test_release_in_a_removed_folder_keeps_the_lock_of_the_next_process(tmp_path):
     path = tmp_path / "work"
     with locked(path):
         shutil.rmtree(path)
@@ -186,7 +194,7 @@ def test_who_leaves_a_removed_folder_leaves_the_lock_of_the_next_one_alone(tmp_p
     assert not list(path.iterdir())
 
 
-def test_a_lock_that_is_not_held_but_impossible_says_so(tmp_path, monkeypatch):
+def test_file_system_without_locks_is_an_error(tmp_path, monkeypatch):
     fcntl = pytest.importorskip("fcntl")
 
     def flock(handle, how):
@@ -202,7 +210,7 @@ def test_a_lock_that_is_not_held_but_impossible_says_so(tmp_path, monkeypatch):
         pass
 
 
-def test_folder_that_cannot_be_made(tmp_path):
+def test_folder_that_cannot_be_created(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(DataError, match="cannot make the folder"), locked(tmp_path / "file" / "run"):
+    with pytest.raises(DataError, match="cannot create the folder"), locked(tmp_path / "file" / "run"):
         pass

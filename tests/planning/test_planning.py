@@ -34,18 +34,18 @@ def _grid(text):
     return np.array([[c == "." for c in row] for row in text.split()])
 
 
-def test_distances_are_those_of_scikit_fmm():
+def test_distances_equal_scikit_fmm():
     distance = travel_distance(_grid(MAZE), np.array([[3, 3]]))
     np.testing.assert_allclose(distance, SKFMM, rtol=0, atol=2e-9)
 
 
-def test_one_diagonal_step_worked_by_hand():
+def test_one_diagonal_step_computed_by_hand():
     distance = travel_distance(np.ones((2, 2), bool), np.array([[0, 0]]), cell=2.0)
     # Both neighbours at 1: (T - 1)^2 + (T - 1)^2 = 1, so T = 1 + 1 / sqrt 2, in cells of 2 m.
     np.testing.assert_allclose(distance, [[0, 2], [2, 2 + np.sqrt(2)]])
 
 
-def test_error_on_open_ground_vanishes_with_the_cell():
+def test_the_error_on_open_ground_decreases_with_the_cell():
     errors = []
     for size in (41, 161):
         middle = size // 2
@@ -58,7 +58,7 @@ def test_error_on_open_ground_vanishes_with_the_cell():
     assert errors[1] < 0.01
 
 
-def test_stopping_early_changes_nothing_that_was_reached():
+def test_stopping_early_does_not_change_the_reached_cells():
     free = np.random.default_rng(0).random((30, 40)) > 0.2
     free[5, 5] = free[20, 30] = True
     full = travel_distance(free, np.array([[5, 5]]))
@@ -69,7 +69,7 @@ def test_stopping_early_changes_nothing_that_was_reached():
     assert (full[reached] <= full[20, 30]).all() and not reached.all()
 
 
-def test_goal_may_be_a_mask_and_blocked_goals_do_not_count():
+def test_the_goal_may_be_a_mask_and_blocked_goals_are_ignored():
     free = np.ones((5, 5), bool)
     free[0] = False
     goal = np.zeros((5, 5), bool)
@@ -96,7 +96,7 @@ def test_descent_on_open_ground_is_nearly_straight():
         assert path_length(descend(distance, start, 0.05), 0.05) < 1.01 * straight
 
 
-def test_descent_from_a_blocked_cell_stays():
+def test_descent_from_a_blocked_cell_has_no_step():
     distance = travel_distance(_grid("..#."), np.array([[0, 0]]))
     assert descend(distance, (0, 3)).tolist() == [[0, 3]]
 
@@ -112,7 +112,7 @@ def test_dilation_is_a_disc_around_every_cell(radius):
 
 
 def _map(walls=(), heading=0.0, size=120):
-    """6 m a side, robot in the middle at the world's origin; walls are (x0, y0, x1, y1), metres."""
+    """Explored map of 6 m a side with the robot at its centre, the origin; walls are (x0, y0, x1, y1), metres."""
     state = empty_map(planar_pose(0.01, 0.01, heading), size=size)
     state.explored[:] = True
     for x0, y0, x1, y1 in walls:
@@ -122,7 +122,7 @@ def _map(walls=(), heading=0.0, size=120):
     return state
 
 
-def test_turns_to_the_waypoint_then_walks():
+def test_turns_to_the_waypoint_then_moves_forward():
     local = LocalPolicy()
     assert local.act(_map(), np.array([2.0, 0.0])) == Action.FORWARD
     assert local.act(_map(), np.array([0.0, 2.0])) == Action.TURN_LEFT
@@ -130,8 +130,8 @@ def test_turns_to_the_waypoint_then_walks():
     assert LocalPolicy().act(_map(heading=np.pi / 2), np.array([0.0, 2.0])) == Action.FORWARD
 
 
-def _walk(local, state, waypoint, steps, truth=None):
-    """A robot that moves as told, but not through the cells of ``truth`` (those of the map without)."""
+def _simulate(local, state, waypoint, steps, truth=None):
+    """Simulate the robot with obstacles ``truth`` (default: the map); return its positions."""
     from dataclasses import replace
 
     from autonerf_lab.geometry import planar_from_pose, world_to_cell
@@ -145,8 +145,8 @@ def _walk(local, state, waypoint, steps, truth=None):
             break
         if action == Action.FORWARD:
             to = (x + 0.25 * np.cos(heading), y + 0.25 * np.sin(heading))
-            ways = np.linspace((x, y), to, 6)[1:]
-            cells = world_to_cell(ways, state.origin, state.cell)
+            points = np.linspace((x, y), to, 6)[1:]
+            cells = world_to_cell(points, state.origin, state.cell)
             if not (state.occupied if truth is None else truth)[tuple(cells.T)].any():
                 x, y = to
         else:
@@ -155,46 +155,46 @@ def _walk(local, state, waypoint, steps, truth=None):
     return np.array(track)
 
 
-def test_walks_around_a_wall_at_a_distance():
+def test_passes_a_wall_with_clearance():
     state = _map([(1.0, -2.0, 1.1, 2.0)])
-    track = _walk(LocalPolicy(), state, (2.0, 0.0), 60)
+    track = _simulate(LocalPolicy(), state, (2.0, 0.0), 60)
     assert np.hypot(*(track[-1] - (2.0, 0.0))) < 0.3
     across = track[(np.abs(track[:, 0] - 1.05) < 0.15)]
     assert (np.abs(across[:, 1]) > 2.0 + 0.1).all()
 
 
-def test_unseen_obstacle_is_felt_and_passed():
+def test_an_obstacle_missing_in_the_map_is_detected_by_collisions():
     truth = np.zeros((120, 120), bool)
-    truth[50:70, 80:84] = True  # a low table at x in [1, 1.2], y in [-0.5, 0.5] that is on no map
+    truth[50:70, 80:84] = True  # at x in [1, 1.2], y in [-0.5, 0.5]
     state = _map()
     local = LocalPolicy()
-    track = _walk(local, state, (2.0, 0.0), 120, truth)
+    track = _simulate(local, state, (2.0, 0.0), 120, truth)
     assert np.hypot(*(track[-1] - (2.0, 0.0))) < 0.3
 
 
-def test_waypoint_in_a_wall_or_a_closed_room_leads_to_the_nearest_place():
+def test_an_unreachable_waypoint_leads_to_the_nearest_reachable_position():
     inside = [(1, 1, 2, 1.1), (1, 2, 2.1, 2.1), (1, 1, 1.1, 2), (2, 1, 2.1, 2.1)]
     local = LocalPolicy()
-    track = _walk(local, _map(inside), (1.5, 1.5), 60)
+    track = _simulate(local, _map(inside), (1.5, 1.5), 60)
     assert local.blocked and local.arrived
     assert np.hypot(*(track[-1] - (1.5, 1.5))) < 1.2
     wall = LocalPolicy()
-    track = _walk(wall, _map([(2, -3, 2.2, 3)]), (2.1, 0.0), 40)
+    track = _simulate(wall, _map([(2, -3, 2.2, 3)]), (2.1, 0.0), 40)
     assert 1.4 < track[-1, 0] < 2.0
 
 
-def test_waypoint_off_the_map_is_clipped_to_it():
+def test_a_waypoint_outside_the_map_is_clipped():
     assert LocalPolicy().act(_map(), np.array([500.0, 0.0])) == Action.FORWARD
 
 
-def test_a_doorway_as_wide_as_the_body_is_passed():
-    """70 cm of doorway, mapped 10 cm too narrow on either side as depth at an angle does."""
+def test_a_doorway_mapped_too_narrow_is_passed():
+    """A doorway of 70 cm, mapped 10 cm too narrow on either side, as happens with oblique depth rays."""
     state = _map([(1.0, -3.0, 1.1, -0.25), (1.0, 0.25, 1.1, 3.0)])
-    track = _walk(LocalPolicy(), state, (2.0, 0.0), 40)
+    track = _simulate(LocalPolicy(), state, (2.0, 0.0), 40)
     assert np.hypot(*(track[-1] - (2.0, 0.0))) < 0.3
 
 
-def test_new_obstacle_on_the_path_changes_it():
+def test_a_new_obstacle_changes_the_path():
     local = LocalPolicy()
     assert local.act(_map(), np.array([2.5, 0.0])) == Action.FORWARD
     assert (np.abs(local.path[:, 0] - 60) <= 1).all()  # straight along the row

@@ -1,4 +1,4 @@
-"""Scenes in files: frozen ones, damaged ones, and those that other programs write."""
+"""Scene files: specifications, GLB export, mesh import, semantics files and HTML pages, valid and invalid."""
 
 import json
 import re
@@ -11,19 +11,27 @@ import pytest
 import trimesh
 
 from autonerf_lab.errors import DataError, SceneError, UnknownNameError
-from autonerf_lab.scenes import generate_apartment, import_scene, load_scene, scene_names
+from autonerf_lab.scenes import (
+    export_glb,
+    generate_apartment,
+    import_scene,
+    load_scene,
+    scene_names,
+    top_view,
+    write_page,
+)
 from autonerf_lab.scenes.library import folder
 from autonerf_lab.scenes.spec import dumps, read_spec
 
 
-def test_unknown_name_lists_the_valid_ones() -> None:
+def test_unknown_name_lists_the_valid_names() -> None:
     with pytest.raises(UnknownNameError, match=r"unknown scene 'val-7'; valid names: dev-0, .*val-4"):
         load_scene("val-7")
     with pytest.raises(UnknownNameError, match="unknown split"):
         scene_names("test")
 
 
-def test_written_and_read_again(tmp_path: Path) -> None:
+def test_specification_round_trip(tmp_path: Path) -> None:
     scene = generate_apartment(11)
     assert scene.spec is not None
     (tmp_path / "home.json").write_text(dumps(scene.spec))
@@ -51,12 +59,12 @@ def test_truncated_specification_names_the_file(tmp_path: Path, share: float) ->
         (lambda s: s["objects"][1]["parts"][0].update(m="unobtainium"), "unobtainium"),
         (lambda s: s["objects"][1]["parts"][0].update(at=[1e9, 0, 0]), "'at'"),
         (lambda s: s["objects"][1]["parts"].append({"m": "metal"}), "exactly one"),
-        (lambda s: s["objects"][1]["parts"].append({"box": [1, -1, 1], "m": "metal"}), "size"),
+        (lambda s: s["objects"][1]["parts"].append({"box": [1, -1, 1], "m": "metal"}), "three positive numbers"),
         (lambda s: s["materials"]["metal"].update(kind="antimatter"), "kind"),
         (lambda s: s["lights"][0].update(power="bright"), "power"),
     ],
 )
-def test_wrong_specification_says_what_is_wrong(tmp_path: Path, change, message: str) -> None:  # type: ignore[no-untyped-def]
+def test_invalid_specification_names_the_error(tmp_path: Path, change, message: str) -> None:  # type: ignore[no-untyped-def]
     spec = read_spec(folder() / "dev-0.json")
     change(spec)
     path = tmp_path / "wrong.json"
@@ -68,68 +76,68 @@ def test_wrong_specification_says_what_is_wrong(tmp_path: Path, change, message:
 
 def test_glb_round_trip(tmp_path: Path) -> None:
     scene = generate_apartment(11)
-    back = import_scene(scene.export_glb(tmp_path / "home.glb"))
+    back = import_scene(export_glb(scene, tmp_path / "home.glb"))
     assert len(back.faces) == len(scene.faces)
     assert np.array_equal(np.bincount(back.face_class), np.bincount(scene.face_class))
     assert np.allclose(np.ptp(back.bounds, axis=0), np.ptp(scene.bounds, axis=0), atol=1e-4)
     assert abs(back.bounds[0, 2]) < 1e-3
-    first, _ = scene.top_view(15)
-    second, _ = back.top_view(15)
+    first, _ = top_view(scene, 15)
+    second, _ = top_view(back, 15)
     rows, cols = min(first.shape[0], second.shape[0]), min(first.shape[1], second.shape[1])
     assert np.abs(first[:rows, :cols].astype(int) - second[:rows, :cols]).mean() < 3
 
 
 def test_glb_is_upright_and_semantic_colours_are_the_classes(tmp_path: Path) -> None:
     scene = generate_apartment(11)
-    loaded = trimesh.load_scene(scene.export_glb(tmp_path / "classes.glb", semantic=True))
+    loaded = trimesh.load_scene(export_glb(scene, tmp_path / "classes.glb", semantic=True))
     size = np.ptp(loaded.bounds, axis=0)
     height = np.ptp(scene.bounds, axis=0)[2]
     assert np.isclose(size[1], height, atol=1e-3)  # y is up in a GLB
     assert any(node.startswith("toilet_") for node in loaded.graph.nodes_geometry)
 
 
-def test_semantics_travel_beside_the_mesh(tmp_path: Path) -> None:
-    """Exported and imported again: the same class, object and name for the same triangles."""
+def test_semantics_file_round_trip(tmp_path: Path) -> None:
+    """After export and import, the same triangles have the same class, object and name."""
     scene = generate_apartment(11)
-    back = import_scene(scene.export_glb(tmp_path / "home.glb"))
-    # the file holds an object after the other, each with its triangles as they were
+    back = import_scene(export_glb(scene, tmp_path / "home.glb"))
+    # the file contains the objects one after the other, with their triangles in the same order
     order, read = (np.argsort(s.face_instance, kind="stable") for s in (scene, back))
     assert np.array_equal(back.face_instance[read], scene.face_instance[order])
     assert np.array_equal(back.face_class[read], scene.face_class[order])
     assert {i.id: i.name for i in back.instances} == {i.id: i.name for i in scene.instances}
     shift = back.vertices[back.faces[read]] - scene.vertices[scene.faces[order]]
-    assert np.abs(shift - shift[0, 0]).max() < 1e-4  # it only moved, to the middle
+    assert np.abs(shift - shift[0, 0]).max() < 1e-4  # translation to the centre only
 
 
-def test_a_mesh_of_one_node_names_its_faces(tmp_path: Path) -> None:
+def test_semantics_per_face_of_a_mesh_with_one_node(tmp_path: Path) -> None:
     room().export(tmp_path / "room.ply")
-    sidecar = tmp_path / "room.semantics.json"
-    said = {"format": "autonerf-lab semantics", "version": 1}
+    semantics = tmp_path / "room.semantics.json"
+    header = {"format": "autonerf-lab semantics", "version": 1}
     faces = {"class": [4] * 2 + [0] * 10, "instance": [7] * 2 + [0] * 10, "names": {"7": "bunk"}}
-    sidecar.write_text(json.dumps({**said, "faces": faces}))
+    semantics.write_text(json.dumps({**header, "faces": faces}))
     scene = import_scene(tmp_path / "room.ply", up="y")
     assert scene.face_class.tolist() == [4] * 2 + [0] * 10
     assert [(i.id, i.class_id, i.name) for i in scene.instances] == [(7, 4, "bunk")]
     for change, message in [
         ({"faces": {**faces, "class": [4]}}, "1 classes and 12 instances; room.ply has 12 triangles"),
-        ({"faces": {**faces, "class": [16] * 12}}, "whole numbers from 0 to 15"),
+        ({"faces": {**faces, "class": [16] * 12}}, "integers from 0 to 15"),
         ({"faces": {**faces, "names": {"x": 1}}}, "names"),
-        ({"nodes": {"bed": {"class": "spaceship"}}}, "node 'bed' has no class"),
-        ({"nodes": {"bed": {"class": "bed", "instance": -1}}}, "bad instance"),
+        ({"nodes": {"bed": {"class": "spaceship"}}}, "node 'bed' has no valid class"),
+        ({"nodes": {"bed": {"class": "bed", "instance": -1}}}, "needs an instance"),
         ({"nodes": []}, "'nodes'"),
         ({"version": 2}, "version 1"),
     ]:
-        sidecar.write_text(json.dumps({**said, **change}))
+        semantics.write_text(json.dumps({**header, **change}))
         with pytest.raises(SceneError, match=message) as caught:
             import_scene(tmp_path / "room.ply", up="y")
         assert "room.semantics.json" in str(caught.value)
-    sidecar.write_text("{")
+    semantics.write_text("{")
     with pytest.raises(SceneError, match=r"room\.semantics\.json is not readable"):
         import_scene(tmp_path / "room.ply", up="y")
 
 
-def test_a_face_may_not_borrow_from_another_mesh(tmp_path: Path) -> None:
-    """Two meshes in one file; the first points one vertex too far, where the second would have one."""
+def test_a_face_with_a_vertex_of_another_mesh_is_refused(tmp_path: Path) -> None:
+    """Two meshes in one file; an index of the first is one too large and would read a vertex of the second."""
     both = trimesh.Scene([room(), room()])
     data = bytearray(trimesh.exchange.gltf.export_glb(both))
     length = struct.unpack("<I", data[12:16])[0]
@@ -144,7 +152,7 @@ def test_a_face_may_not_borrow_from_another_mesh(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("document", [[], 1, {"accessors": [1]}, {"accessors": [{"count": float("inf")}]}])
-def test_json_of_another_shape_is_one_error(tmp_path: Path, document: object) -> None:
+def test_glb_with_unexpected_json_is_a_scene_error(tmp_path: Path, document: object) -> None:
     text = json.dumps(document).encode().ljust(64)
     (tmp_path / "odd.glb").write_bytes(struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON") + text)
     with pytest.raises(SceneError, match=r"odd\.glb"):
@@ -152,10 +160,10 @@ def test_json_of_another_shape_is_one_error(tmp_path: Path, document: object) ->
 
 
 @pytest.mark.parametrize("semantic", [False, True])
-def test_exported_glb_keeps_the_rules_of_the_format(tmp_path: Path, semantic: bool) -> None:
-    """What the Khronos validator checks first: lengths, alignment, targets, stated bounds, indices in range."""
+def test_exported_glb_is_valid(tmp_path: Path, semantic: bool) -> None:
+    """First checks of the Khronos validator: lengths, alignment, targets, bounds and index ranges."""
     scene = generate_apartment(11)
-    data = scene.export_glb(tmp_path / "home.glb", semantic=semantic).read_bytes()
+    data = export_glb(scene, tmp_path / "home.glb", semantic=semantic).read_bytes()
     total, length = struct.unpack("<I", data[8:12])[0], struct.unpack("<I", data[12:16])[0]
     assert total == len(data) and length % 4 == 0
     document, blob = json.loads(data[20 : 20 + length]), data[28 + length :]
@@ -187,24 +195,24 @@ def test_exported_glb_keeps_the_rules_of_the_format(tmp_path: Path, semantic: bo
     assert len({node["name"] for node in document["nodes"]}) == len(document["nodes"])
 
 
-def test_a_page_needs_nothing_but_itself(tmp_path: Path) -> None:
+def test_page_is_self_contained(tmp_path: Path) -> None:
     scene = generate_apartment(11)
-    text = scene.page(tmp_path / "home.html").read_text()
+    text = write_page(scene, tmp_path / "home.html").read_text()
     assert len(text) < 8e6 and "THREE" in text and "chair" in text
-    assert not re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=", text)  # nothing is loaded
+    assert not re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=", text)  # no external resources
     assert not [u for u in re.findall(r"fetch\(.{0,40}", text) if "http" in u]
     assert "/*" + "CORNERS" not in text and "/*" + "FACTS" not in text
 
 
-def test_a_page_shows_names_and_does_not_run_them(tmp_path: Path) -> None:
+def test_page_escapes_names(tmp_path: Path) -> None:
     room().export(tmp_path / "room.ply")
     scene = replace(import_scene(tmp_path / "room.ply", up="y"), name="</script><img src=x onerror=alert(1)>")
-    text = scene.page(tmp_path / "room.html").read_text()
+    text = write_page(scene, tmp_path / "room.html").read_text()
     assert "<img src=x" not in text and "\\u003cimg src=x" in text
 
 
 def room() -> trimesh.Trimesh:
-    """An empty room of 4 x 3 x 2.5 m, y up, with coloured corners."""
+    """An empty room of 4 x 3 x 2.5 m, y up, with vertex colours."""
     mesh = trimesh.creation.box((4, 2.5, 3))
     mesh.visual.vertex_colors = np.array([[200, 40 * k % 256, 90, 255] for k in range(8)], dtype=np.uint8)
     return mesh
@@ -218,7 +226,7 @@ def test_vertex_coloured_room_is_imported(tmp_path: Path, suffix: str) -> None:
     assert np.allclose(np.ptp(scene.bounds, axis=0), (4, 3, 2.5), atol=1e-5)
     assert abs(scene.bounds[0, 2]) < 1e-6
     assert (scene.face_class == 0).all()
-    # the texture at a corner's coordinate is the corner's colour
+    # the texture at the uv of a corner is the vertex colour
     uv = scene.uv[0, 0]
     texel = scene.texture[int(uv[1] * scene.texture.shape[0]), int(uv[0] * scene.texture.shape[1])]
     assert abs(int(texel[0]) - 200) <= 1 and abs(int(texel[2]) - 90) <= 1
@@ -254,7 +262,7 @@ def broken(tmp_path: Path, kind: str) -> Path:
         ("cut", "cannot be read|no triangles|does not exist"),
     ],
 )
-def test_bad_meshes_are_refused(tmp_path: Path, kind: str, message: str) -> None:
+def test_invalid_meshes_are_refused(tmp_path: Path, kind: str, message: str) -> None:
     with pytest.raises(SceneError, match=message) as caught:
         import_scene(broken(tmp_path, kind))
     assert f"{kind}.ply" in str(caught.value)
@@ -267,14 +275,14 @@ def glb(document: dict) -> bytes:
 
 
 @pytest.mark.parametrize("uri", ["../secret.bin", "http://example.org/a.bin", "/etc/passwd", "other.bin"])
-def test_glb_may_not_point_elsewhere(tmp_path: Path, uri: str) -> None:
+def test_glb_with_external_references_is_refused(tmp_path: Path, uri: str) -> None:
     path = tmp_path / "far.glb"
     path.write_bytes(glb({"asset": {"version": "2.0"}, "buffers": [{"uri": uri, "byteLength": 4}]}))
     with pytest.raises(SceneError, match="refers to"):
         import_scene(path)
 
 
-def test_obj_may_not_leave_its_folder(tmp_path: Path) -> None:
+def test_obj_that_refers_outside_its_folder_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "far.obj"
     path.write_text("mtllib ../../secret.mtl\nv 0 0 0\nv 4 0 0\nv 4 0 3\nf 1 2 3\n")
     with pytest.raises(SceneError, match="refers to"):
@@ -282,21 +290,21 @@ def test_obj_may_not_leave_its_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"glTF", b"\0" * 100, glb({"accessors": [{"count": 3_000_000_000}]})])
-def test_damaged_glb_is_one_error(tmp_path: Path, content: bytes) -> None:
+def test_damaged_glb_is_a_scene_error(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "bad.glb"
     path.write_bytes(content)
     with pytest.raises(SceneError, match=r"bad\.glb"):
         import_scene(path)
 
 
-def test_other_formats_and_missing_files(tmp_path: Path) -> None:
+def test_other_formats_and_missing_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="only"):
         import_scene(tmp_path / "scene.fbx")
     with pytest.raises(SceneError, match="cannot be read"):
         import_scene(tmp_path / "missing.glb")
 
 
-def test_export_to_an_impossible_place_is_a_data_error(tmp_path: Path) -> None:
+def test_export_to_an_invalid_path_is_a_data_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(DataError, match="cannot write"):
-        generate_apartment(11).export_glb(tmp_path / "file" / "home.glb", semantic=True)
+        export_glb(generate_apartment(11), tmp_path / "file" / "home.glb", semantic=True)

@@ -1,12 +1,12 @@
-"""Column rasterisation, cell by cell."""
+"""Rasterisation of a height band, cell by cell."""
 
 import numpy as np
 
-from autonerf_lab.scenes.height_band import occupied_columns
+from autonerf_lab.scenes.height_band import occupied_cells
 
 
 def grid(vertices: list, low: float = 0.0, high: float = 1.0, shape: tuple[int, int] = (4, 4)) -> np.ndarray:
-    return occupied_columns(np.array(vertices, dtype=float), np.array([[0, 1, 2]]), low, high, (0, 0), 1.0, shape)
+    return occupied_cells(np.array(vertices, dtype=float), np.array([[0, 1, 2]]), low, high, (0, 0), 1.0, shape)
 
 
 def test_triangle_touches_exactly_these_cells() -> None:
@@ -45,7 +45,7 @@ def test_outside_the_grid_is_ignored() -> None:
 
 
 def test_no_faces() -> None:
-    assert not occupied_columns(np.zeros((0, 3)), np.zeros((0, 3), int), 0, 1, (0, 0), 1, (2, 2)).any()
+    assert not occupied_cells(np.zeros((0, 3)), np.zeros((0, 3), int), 0, 1, (0, 0), 1, (2, 2)).any()
 
 
 def test_against_dense_points() -> None:
@@ -60,4 +60,4 @@ def test_against_dense_points() -> None:
         cells = np.zeros_like(found)
         cells[points[:, 1].astype(int), points[:, 0].astype(int)] = True
         assert (found | ~cells).all()
-        assert (found & ~cells).sum() <= 3  # slivers that no sample met
+        assert (found & ~cells).sum() <= 3  # thin cells without a sample

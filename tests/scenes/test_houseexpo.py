@@ -1,4 +1,4 @@
-"""Floor plans in HouseExpo's format become homes that can be lived in, or one clear error."""
+"""Floor plans in HouseExpo's format become valid apartments, or raise one clear error."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,7 @@ from shapely.ops import unary_union
 import autonerf_lab as lab
 from autonerf_lab.errors import SceneError
 from autonerf_lab.scenes.houseexpo import category_of, import_houseexpo
-from autonerf_lab.scenes.inspection import _overlaps_and_support, _reach
+from autonerf_lab.scenes.inspection import _placement_problems, _reachability_problems
 from autonerf_lab.scenes.spec import dumps
 
 ROOMS = {
@@ -29,7 +29,7 @@ def outline(rects: list) -> list:
 
 
 def traced(doors: list = DOORS, rooms: dict = ROOMS) -> dict:
-    """Walls of 12 cm between the rooms, and the passages through them."""
+    """Return a plan with walls of 12 cm between the rooms, and passages through them."""
     boxes = [rect for rects in rooms.values() for rect in rects]
     return {
         "id": "traced",
@@ -41,7 +41,7 @@ def traced(doors: list = DOORS, rooms: dict = ROOMS) -> dict:
 
 
 def plain() -> dict:
-    """Only the outer walls, a slanted corner, a room with two names, and ground that nobody named."""
+    """Return a plan without inner walls: a slanted corner, a room with two labels, and unlabelled floor."""
     ground = box(0, 0, 9.5, 10).union(box(9, 6.5, 11, 10)).difference(Polygon([(8, 0), (9.5, 0), (9.5, 1.5)]))
     rooms = {"Living_Room": [[0, 0, 6, 5]], "Dining_Room": [[0, 0, 6, 5]], "Kitchen": [[6, 0, 9.5, 4]]}
     rooms |= {"Bedroom": [[0, 6.5, 4.5, 10]], "Bathroom": [[4.5, 6.5, 7, 10]], "Office": [[7, 6.5, 11, 10]]}
@@ -49,7 +49,7 @@ def plain() -> dict:
 
 
 def l_shaped() -> dict:
-    """The living room's box holds the kitchen and the bath, as the boxes of L-shaped rooms do."""
+    """Return a plan whose L-shaped living room has a box that contains the kitchen and the bath."""
     ground = box(0, 0, 10, 4).union(box(0, 0, 4, 9))
     rooms = {"Living_Room": [[0, 0, 10, 9]], "Kitchen": [[6, 0, 10, 4]], "Bathroom": [[0, 6.6, 4, 9]]}
     return {"id": "L", "verts": [list(c) for c in ground.exterior.coords[:-1]], "room_category": rooms}
@@ -74,7 +74,7 @@ def test_traced_passages_are_the_doors(tmp_path):
     assert doors_of(scene) == {frozenset(pair) for pair in pairs}
     doors = [o for o in scene.spec["openings"] if o["kind"] == "door"]
     assert len(doors) == 5 and min(o["width"] for o in doors) >= 0.8
-    for x0, y0, x1, y1 in DOORS:  # each where the outline has its passage
+    for x0, y0, x1, y1 in DOORS:  # at the passages of the outline
         assert min(np.hypot(o["at"][0] - (x0 + x1) / 2, o["at"][1] - (y0 + y1) / 2) for o in doors) < 0.1
     assert sum(o["kind"] == "entrance" for o in scene.spec["openings"]) == 1
     bedroom = next(Polygon(r["polygon"]) for r in scene.spec["rooms"] if r["category"] == "bedroom")
@@ -84,7 +84,7 @@ def test_traced_passages_are_the_doors(tmp_path):
 def test_rooms_without_walls_get_as_few_doors_as_join_them(tmp_path):
     scene = import_houseexpo(written(tmp_path, plain()))
     kinds = sorted(room["category"] for room in scene.spec["rooms"])
-    assert kinds == ["bath", "bedroom", "corridor", "kitchen", "living", "study"]  # the corridor is what nobody named
+    assert kinds == ["bath", "bedroom", "corridor", "kitchen", "living", "study"]  # the corridor is unlabelled floor
     assert doors_of(scene) == {frozenset(("corridor", kind)) for kind in kinds if kind != "corridor"}
 
 
@@ -99,22 +99,22 @@ def test_a_box_inside_a_box_is_cut_out_of_it(tmp_path):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_every_room_can_be_reached(tmp_path, plan, seed):
     scene = import_houseexpo(written(tmp_path, plan), seed)
-    assert _reach(scene) == [] and _overlaps_and_support(scene) == []
+    assert _reachability_problems(scene) == [] and _placement_problems(scene) == []
 
 
-def test_a_plan_is_a_scene_like_any_other(tmp_path):
+def test_an_imported_plan_can_be_explored_and_saved(tmp_path):
     path = written(tmp_path, traced())
     scene = lab.import_scene(path)
     assert dumps(scene.spec) == dumps(import_houseexpo(path).spec) != dumps(import_houseexpo(path, seed=1).spec)
     sim = lab.Simulator(scene, lab.geometry.Intrinsics.from_fov(32, 32), rgb=False)
-    walk = lab.explore(sim, "frontier", steps=20, progress=False)
-    assert len(walk) == 20 and walk.meta["explored_m2"][-1] > 5
+    trajectory = lab.explore(sim, "frontier", steps=20, progress=False)
+    assert len(trajectory) == 20 and trajectory.meta["explored_m2"][-1] > 5
     saved = tmp_path / "furnished.json"
     saved.write_text(dumps(scene.spec))
     assert len(lab.load_scene(str(saved)).faces) == len(scene.faces)
 
 
-def test_labels_name_kinds():
+def test_labels_map_to_categories():
     names = ["Living_Room", "Dining_Room", "Kitchen", "Toilet", "Guest_Room", "Office", "Hallway", "Garage", "Room"]
     kinds = ["living", "living", "kitchen", "bath", "bedroom", "study", "corridor", "corridor", "study"]
     assert [category_of(name) for name in names] == kinds
@@ -129,9 +129,12 @@ BAD = {
     "a word": ({**traced(), "verts": [[0, 0], [9, "x"], [9, 9]]}, r"verts\[1\]"),
     "not a number": (json.dumps(traced()).replace("9.6", "NaN"), "finite numbers"),
     "kilometres": ({**traced(), "verts": [[0, 0], [5000, 0], [5000, 5000], [0, 5000]]}, "metres"),
-    "no ground": ({**traced(), "verts": [[0, 0], [5, 5], [0, 0], [5, 5]]}, "no ground|no outline|measures"),
+    "no ground": (
+        {**traced(), "verts": [[0, 0], [5, 5], [0, 0], [5, 5]]},
+        "no floor area|no valid|not a valid outline|measures",
+    ),
     "a bent box": ({**traced(), "room_category": {"Kitchen": [[0, 0, 1]]}}, "a box of 'Kitchen'"),
-    "no boxes": ({**traced(), "room_category": {"Kitchen": 3}}, "not a list of boxes"),
+    "no boxes": ({**traced(), "room_category": {"Kitchen": 3}}, "must be a list of boxes"),
     "a town": ({**traced(), "room_category": {"Kitchen": [[0, 0, 1, 1]] * 65}}, "more than 64 rooms"),
     "two on one ground": (
         {**plain(), "room_category": {"Kitchen": [[0, 0, 6, 5]], "Bedroom": [[3, 0, 9.5, 5]]}},
@@ -145,7 +148,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_plan_is_one_clear_error(tmp_path, name):
+def test_an_invalid_plan_is_a_scene_error(tmp_path, name):
     content, message = BAD[name]
     path = written(tmp_path, content)
     with pytest.raises(SceneError, match=message) as caught:
@@ -153,13 +156,13 @@ def test_a_bad_plan_is_one_clear_error(tmp_path, name):
     assert str(path) in str(caught.value)
 
 
-def test_a_missing_plan_is_named(tmp_path):
+def test_error_names_a_missing_plan(tmp_path):
     with pytest.raises(SceneError, match=r"nothing\.json"):
         import_houseexpo(tmp_path / "nothing.json")
 
 
-def test_damage_never_ends_in_another_error(tmp_path):
-    """Any change of one value, or of one byte: a scene or a SceneError."""
+def test_random_damage_raises_only_scene_errors(tmp_path):
+    """Change one character at random: the import returns a scene or raises SceneError."""
     rng = np.random.default_rng(0)
     text = json.dumps(traced())
     for _ in range(60):

@@ -1,3 +1,5 @@
+"""Simulator: images against ray casting and OpenGL, motion, collisions, noise and highlights."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +10,7 @@ from autonerf_lab.errors import SceneError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, planar_pose, so3_exp, world_to_cell
 from autonerf_lab.scenes import Scene, generate_apartment
 from autonerf_lab.scenes.build import build
-from autonerf_lab.simulator import Noise, RayCaster, Simulator
+from autonerf_lab.simulator import MotionNoise, RayCaster, Simulator
 from autonerf_lab.simulator.motion_noise import compose
 from autonerf_lab.types import Action
 
@@ -22,7 +24,7 @@ def _random_poses(count):
     rng = np.random.default_rng(0)
     for _ in range(count):
         pose = planar_pose(*rng.uniform((0.2, 0.2, -3), (7.8, 2.8, 3)))
-        pose[:3, :3] = so3_exp(rng.normal(0, 0.4, 3)) @ pose[:3, :3]  # level and tilted ones
+        pose[:3, :3] = so3_exp(rng.normal(0, 0.4, 3)) @ pose[:3, :3]  # tilted
         yield pose
 
 
@@ -35,8 +37,8 @@ def test_depth_towards_a_wall_is_its_distance_everywhere(sim):
 
 
 @pytest.mark.parametrize("supersample", [1, 2, 3])
-def test_images_are_what_rays_hit(supersample):
-    """The rasteriser against embree: two independent answers to the same question."""
+def test_images_agree_with_ray_casting(supersample):
+    """Compare the rasteriser with embree, an independent implementation."""
     scene = two_rooms()
     sim = Simulator(scene, Intrinsics.from_fov(48, 40), supersample=supersample)
     wrong = total = 0
@@ -82,7 +84,7 @@ def test_supersampled_colour_is_the_mean_of_the_fine_image(sim):
     assert np.abs(sim.render(pose).rgb - mean).max() <= 1
 
 
-def test_colours_are_left_out_on_request(sim):
+def test_rgb_false_does_not_compute_the_texture(sim):
     class NoTexture:
         def __getattr__(self, name):
             assert name != "texture", "the texture must not be made"
@@ -94,13 +96,13 @@ def test_colours_are_left_out_on_request(sim):
     np.testing.assert_array_equal(observation.depth, sim.reset(seed=0).depth)
 
 
-def test_nothing_is_black_unlabelled_and_without_depth(sim):
+def test_view_without_surface_is_black_without_label_and_depth(sim):
     pose = planar_pose(20, 20, 0.0)  # outside, looking away
     frame = sim.render(pose)
     assert not frame.rgb.any() and not frame.depth.any() and not frame.semantics.any() and not frame.instances.any()
 
 
-def test_looking_out_from_inside_an_object_sees_its_inside(sim):
+def test_a_camera_inside_an_object_sees_its_back_faces(sim):
     frame = sim.render(planar_pose(7.7, 0.3, 0.0))
     assert (frame.semantics == 10).all()
     np.testing.assert_allclose(frame.depth[20, 24], 0.28, atol=1e-6)
@@ -109,11 +111,11 @@ def test_looking_out_from_inside_an_object_sees_its_inside(sim):
 def test_cast_scales_with_the_direction():
     caster = RayCaster(np.array([[[2, -1, -1], [2, 3, -1], [2, -1, 3]]], np.float32))
     hits = caster.cast(np.zeros((3, 3)), np.array([[1, 0, 0], [0.5, 0, 0], [-1, 0, 0]]))
-    np.testing.assert_allclose(hits.t, [2, 4, np.inf], rtol=1e-6)  # processors round the last bit as they like
+    np.testing.assert_allclose(hits.t, [2, 4, np.inf], rtol=1e-6)  # rounding of the last bit depends on the processor
     assert hits.face.tolist() == [0, 0, -1]
 
 
-def test_navigable_ground_keeps_the_radius(sim):
+def test_navigable_floor_respects_the_radius(sim):
     nav = sim.navigation
     assert nav.is_navigable(2, 1.5)
     assert nav.is_navigable(4.05, 1.5)  # in the doorway
@@ -121,8 +123,8 @@ def test_navigable_ground_keeps_the_radius(sim):
     assert not nav.is_navigable(-1, 1)
     assert not nav.is_navigable(100, 100)
     assert not nav.is_navigable(2, 0.17)  # closer to the wall than the radius
-    assert nav.is_navigable(2, 0.24)  # a cell of 2.5 cm and rounding is what the grid may cost
-    # Between the table's legs there is room on the floor, but the slab is in the way.
+    assert nav.is_navigable(2, 0.24)  # tolerance: one cell of 2.5 cm
+    # The floor between the legs of the table is free, but the slab blocks the robot.
     assert not nav.is_navigable(5.5, 2.55)
 
 
@@ -144,17 +146,17 @@ def test_navigable_area_of_an_empty_room():
         (0.25, 0.60, False),  # a ramp that leads too high
     ],
 )
-def test_the_robot_drives_where_floors_are_uneven(height, run, fits):
+def test_uneven_floors(height, run, fits):
     profile = ((0, 0.0), (1, 0.0), (1 + run, height), (3 - run, height), (3, 0.0), (5, 0.0))
     ground = Simulator(uneven_floor(*profile), Intrinsics.from_fov(8, 8)).navigation
     rows, cols = world_to_cell(np.array([(2, 1), (0.5, 1)]), ground.origin, ground.cell).T
     assert ground.is_navigable(4, 1)
     assert ground.is_navigable(2, 1) == fits
-    assert ground.navigable[rows, cols].tolist() == [fits, fits], "the far shore is reached over what lies between"
+    assert ground.navigable[rows, cols].tolist() == [fits, fits], "the other side is reachable across the obstacle"
 
 
 @pytest.mark.parametrize(("gap", "fits"), [(0.2, True), (0.3, False)])
-def test_the_robot_spans_what_is_missing_of_a_floor(gap, fits):
+def test_gaps_in_the_floor(gap, fits):
     nothing = float("nan")
     profile = ((0, 0.0), (1, 0.0), (1, nothing), (1 + gap, nothing), (1 + gap, 0.0), (5, 0.0))
     ground = Simulator(uneven_floor(*profile), Intrinsics.from_fov(8, 8)).navigation
@@ -163,8 +165,8 @@ def test_the_robot_spans_what_is_missing_of_a_floor(gap, fits):
     assert ground.navigable[rows, cols].tolist() == [fits, fits]
 
 
-def test_scenes_without_ground_are_refused():
-    with pytest.raises(SceneError, match="nowhere to stand"):
+def test_scenes_without_navigable_floor_are_refused():
+    with pytest.raises(SceneError, match="no floor area for a robot"):
         Simulator(closet())
     scene = two_rooms()
     lifted = type(scene)(
@@ -181,11 +183,11 @@ def test_scenes_without_ground_are_refused():
     huge = type(scene)(
         "huge", scene.vertices * 1000, scene.faces, scene.face_class, scene.face_instance, scene.uv, scene.texture
     )
-    with pytest.raises(SceneError, match="in metres"):
+    with pytest.raises(SceneError, match="to metres"):
         Simulator(huge)
 
 
-def test_start_in_furniture_is_refused(sim):
+def test_start_pose_in_furniture_is_refused(sim):
     with pytest.raises(SceneError, match=r"cannot stand at x = 0\.70, y = 2\.50"):
         sim.reset(pose=planar_pose(0.7, 2.5, 0))
 
@@ -204,7 +206,7 @@ def test_actions_move_as_the_paper_says(sim):
         sim.step(3)
 
 
-def test_a_wall_stops_and_a_slanted_one_slides(sim):
+def test_a_wall_stops_the_robot_or_lets_it_slide(sim):
     sim.reset(pose=planar_pose(2, 0.3, -np.pi / 2))
     assert sim.step(Action.FORWARD).collided
     x, y, _ = planar_from_pose(sim.pose)
@@ -213,12 +215,12 @@ def test_a_wall_stops_and_a_slanted_one_slides(sim):
     observation = sim.step(Action.FORWARD)
     x, y, _ = planar_from_pose(sim.pose)
     assert x == pytest.approx(2 + 0.25 * np.cos(np.pi / 6), abs=0.01) and 0.18 <= y <= 0.22  # slides along the wall
-    assert not observation.collided  # and still gets more than 20 cm further
+    assert not observation.collided  # it still moved more than 20 cm
     sim.reset(pose=planar_pose(2, 0.22, -np.pi / 3))
     assert sim.step(Action.FORWARD).collided
 
 
-def test_never_ends_where_the_robot_does_not_fit(sim):
+def test_the_robot_never_ends_in_collision(sim):
     rng = np.random.default_rng(3)
     sim.reset(seed=5)
     for _ in range(3000):
@@ -227,7 +229,7 @@ def test_never_ends_where_the_robot_does_not_fit(sim):
         assert sim.navigation.is_navigable(x, y)
 
 
-def test_seed_decides_the_start(sim):
+def test_the_seed_determines_the_start_pose(sim):
     first = sim.reset(seed=7)
     again = sim.reset(seed=7)
     np.testing.assert_array_equal(first.pose, again.pose)
@@ -239,26 +241,26 @@ def test_seed_decides_the_start(sim):
 
 def test_actuation_noise_has_the_published_moments():
     rng = np.random.default_rng(0)
-    noise = Noise()
+    noise = MotionNoise()
     forward = np.array([noise.motion(Action.FORWARD, rng) for _ in range(4000)])
     np.testing.assert_allclose(forward.mean(axis=0)[0], 0.580 * 0.2450 + 0.420 * 0.2465, atol=2e-4)
     left = np.array([noise.motion(Action.TURN_LEFT, rng) for _ in range(4000)])
-    mean = 3 * (0.569 * 11.52 + 0.431 * 10.93)  # a turn of 30 degrees is three of 10
+    mean = 3 * (0.569 * 11.52 + 0.431 * 10.93)  # a rotation of 30 degrees is three of 10
     assert np.degrees(left[:, 2].mean()) == pytest.approx(mean, abs=0.1)
     right = np.array([noise.motion(Action.TURN_RIGHT, rng) for _ in range(4000)])
     assert np.degrees(right[:, 2].mean()) == pytest.approx(-3 * 11.09, abs=0.1)
     assert np.degrees(right[:, 2].std()) == pytest.approx(np.sqrt(3) * 0.48, rel=0.05)
-    locobot = np.array([Noise(model="locobot").motion(Action.FORWARD, rng) for _ in range(4000)])
+    locobot = np.array([MotionNoise(model="locobot").motion(Action.FORWARD, rng) for _ in range(4000)])
     np.testing.assert_allclose(locobot.mean(axis=0), (0.264, 0.009, 0), atol=4e-3)
     with pytest.raises(UnknownNameError, match="valid names: ans, locobot"):
-        Noise(model="perfect")
+        MotionNoise(model="perfect")
 
 
-def test_odometry_drifts_only_when_told_to():
+def test_odometry_drifts_only_with_odometry_noise():
     scene = empty_room(20, 20)
     camera = Intrinsics.from_fov(4, 4)
-    exact = Simulator(scene, camera, rgb=False, noise=Noise(odometry=False))
-    drifting = Simulator(scene, camera, rgb=False, noise=Noise(actuation=False))
+    exact = Simulator(scene, camera, rgb=False, noise=MotionNoise(odometry=False))
+    drifting = Simulator(scene, camera, rgb=False, noise=MotionNoise(actuation=False))
     for sim, drift in ((exact, False), (drifting, True)):
         observation = sim.reset(seed=0, pose=planar_pose(10, 10, 0))
         for action in [0, 0, 1, 0, 2] * 4:
@@ -268,17 +270,17 @@ def test_odometry_drifts_only_when_told_to():
     np.testing.assert_allclose(compose(0, 0, np.pi / 2, (1, 0.5, 0)), (-0.5, 1, np.pi / 2), atol=1e-12)
 
 
-def test_noisy_walks_repeat_with_their_seed():
-    sim = Simulator(two_rooms(), Intrinsics.from_fov(8, 8), rgb=False, noise=Noise())
-    walks = []
+def test_noisy_motion_is_reproducible():
+    sim = Simulator(two_rooms(), Intrinsics.from_fov(8, 8), rgb=False, noise=MotionNoise())
+    trajectories = []
     for _ in range(2):
         sim.reset(seed=11)
-        walks.append([sim.step(a).pose for a in [0, 1, 0, 2, 0]])
-    np.testing.assert_array_equal(walks[0], walks[1])
+        trajectories.append([sim.step(a).pose for a in [0, 1, 0, 2, 0]])
+    np.testing.assert_array_equal(trajectories[0], trajectories[1])
 
 
 def test_opengl_agrees():
-    """A renderer that shares no code with ours, where it is installed."""
+    """Compare with an independent OpenGL renderer, if it is installed."""
     from autonerf_lab.errors import AutoNerfError
     from autonerf_lab.simulator.opengl import GLRenderer
 
@@ -300,22 +302,22 @@ def test_opengl_agrees():
     assert different <= 0.02 * total
 
 
-def test_a_large_mesh_is_cast_and_looks_the_same(monkeypatch):
+def test_ray_casting_and_rasterisation_give_the_same_images(monkeypatch):
     scene = generate_apartment(11)
     camera = Intrinsics.from_fov(48, 48)
-    drawn = Simulator(scene, camera)
-    poses = [drawn.sample_pose(np.random.default_rng(k)) for k in range(4)]
-    expected = [drawn.render(pose) for pose in poses]
+    sim = Simulator(scene, camera)
+    poses = [sim.sample_pose(np.random.default_rng(k)) for k in range(4)]
+    expected = [sim.render(pose) for pose in poses]
     monkeypatch.setattr("autonerf_lab.simulator.simulator.CAST_FROM", 0)
     for pose, frame in zip(poses, expected, strict=True):
-        cast = drawn.render(pose)
+        cast = sim.render(pose)
         same = np.abs(cast.depth - frame.depth) < 1e-3
         assert same.mean() > 0.995 and (cast.instances == frame.instances)[same].mean() > 0.999
         assert np.abs(cast.rgb.astype(int) - frame.rgb).mean() < 0.5
 
 
 def polished_floor() -> tuple[Scene, np.ndarray]:
-    """A floor of 8 x 8 m that shines, black otherwise, under one lamp 2 m above its middle."""
+    """Return a glossy black floor of 8 x 8 m with one lamp 2 m above its centre, and the position of the lamp."""
     floor = {"id": 0, "class": "background", "name": "floor", "parts": [
         {"quad": [[8, 0, 0], [0, 8, 0]], "at": [-4, -4, 0], "m": "slate"}]}  # fmt: skip
     lamp = {"kind": "lamp", "at": [0, 0, 2], "color": [1, 1, 1], "power": 4}
@@ -325,7 +327,7 @@ def polished_floor() -> tuple[Scene, np.ndarray]:
     return scene, np.array(lamp["at"], dtype=float)
 
 
-def test_a_highlight_stands_where_a_mirror_would_show_the_lamp():
+def test_a_highlight_is_at_the_mirror_image_of_the_lamp():
     scene, lamp = polished_floor()
     sim = Simulator(scene, Intrinsics.from_fov(129, 129), supersample=1, gloss=True)
     for x in (-3.8, -3.0):
@@ -343,7 +345,7 @@ def test_a_highlight_stands_where_a_mirror_would_show_the_lamp():
         assert rgb.max() > 100 and rgb[64:].min() < 5
 
 
-def test_gloss_changes_with_the_view_and_only_when_asked():
+def test_gloss_adds_highlights_only_on_glossy_surfaces():
     scene = generate_apartment(11)
     camera = Intrinsics.from_fov(48, 48)
     plain, glossy = Simulator(scene, camera), Simulator(scene, camera, gloss=True)
@@ -359,8 +361,8 @@ def test_gloss_changes_with_the_view_and_only_when_asked():
     assert brighter >= 4
 
 
-def test_nobody_knows_what_shines_in_a_scan():
+def test_gloss_needs_a_generated_scene():
     toy = two_rooms()
     scan = Scene("scan", toy.vertices, toy.faces, toy.face_class, toy.face_instance, toy.uv, bake=lambda: toy.texture)
-    with pytest.raises(SceneError, match="without gloss"):
+    with pytest.raises(SceneError, match="gloss=False"):
         Simulator(scan, gloss=True)

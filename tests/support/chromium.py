@@ -1,4 +1,4 @@
-"""A headless Chromium that a test drives by its DevTools protocol, and the JupyterLab that it looks at."""
+"""Headless Chromium driven by its DevTools protocol, and a JupyterLab server for it."""
 
 import base64
 import json
@@ -19,19 +19,19 @@ import psutil
 import websocket
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-NO_BUILD = "--ServerApp.tornado_settings={'page_config_data': {'buildCheck': False}}"  # as `make lab` has it
+NO_BUILD = "--ServerApp.tornado_settings={'page_config_data': {'buildCheck': False}}"  # same option as `make lab`
 MISSING = "no browser: install the Debian package chromium (sudo apt-get install --no-install-recommends chromium)"
 
 
 def chromium() -> str:
-    """The command of the browser; without one the test fails with what to install."""
+    """Return the browser command; fail with the package to install if there is none."""
     found = next(filter(None, map(shutil.which, NAMES)), None)
     assert found is not None, MISSING
     return found
 
 
 def wait(what: str, condition: Callable[[], Any], seconds: float = 60) -> Any:
-    """What the condition returns as soon as it is true."""
+    """Wait until the condition is true and return its value."""
     end = time.monotonic() + seconds
     while not (value := condition()):
         assert time.monotonic() < end, f"{what}: not within {seconds:g} s"
@@ -40,65 +40,65 @@ def wait(what: str, condition: Callable[[], Any], seconds: float = 60) -> Any:
 
 
 class Page:
-    """One page of the browser; what it asked for and complained about is kept."""
+    """Page of the browser; records requested URLs and console errors."""
 
     def __init__(self, address: str, timeout: float = 60) -> None:
-        self.timeout, self.requests, self.complaints = timeout, list[str](), list[str]()
+        self.timeout, self.requests, self.errors = timeout, list[str](), list[str]()
         self._socket = websocket.create_connection(address, timeout=timeout, suppress_origin=True)
         self._number = 0
         for domain in ("Runtime", "Log", "Network", "Page"):
             self.send(f"{domain}.enable")
-        self.send("Emulation.setFocusEmulationEnabled", enabled=True)  # a page behind others has no current notebook
+        self.send("Emulation.setFocusEmulationEnabled", enabled=True)  # JupyterLab needs a focused page
 
     def send(self, method: str, **params: Any) -> dict[str, Any]:
-        """One command, and its result; what happens in the meantime is noted."""
+        """Send one command and return its result; record events that arrive before it."""
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": params}))
         end = time.monotonic() + self.timeout
         while (message := json.loads(self._socket.recv())).get("id") != self._number:
             assert time.monotonic() < end, f"{method}: no answer within {self.timeout:g} s"
-            self._note(message)
+            self._record(message)
         assert "error" not in message, f"{method}: {message}"
         return message["result"]
 
     def js(self, code: str) -> Any:
-        """The value of an expression; a promise is awaited."""
+        """Evaluate a JavaScript expression; await a promise."""
         options = {"awaitPromise": True, "returnByValue": True, "userGesture": True}
         result = self.send("Runtime.evaluate", expression=code, **options)
         assert "exceptionDetails" not in result, f"{code}: {result['exceptionDetails']}"
         return result["result"].get("value")
 
     def click(self, x: float, y: float) -> None:
-        """The left button, at a point of the window."""
+        """Click the left button at a point of the window, pixels."""
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             button = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
             self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, **button)
 
     def screenshot(self) -> bytes:
-        """A PNG of the window."""
+        """Return a PNG of the window."""
         return base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
 
     def close(self) -> None:
-        """End the connection; the browser stays."""
+        """Close the connection; the browser keeps running."""
         self._socket.close()
 
-    def _note(self, message: dict[str, Any]) -> None:
-        about = message.get("params", {})
+    def _record(self, message: dict[str, Any]) -> None:
+        params = message.get("params", {})
         match message.get("method"):
             case "Network.requestWillBeSent":
-                self.requests.append(about["request"]["url"])
+                self.requests.append(params["request"]["url"])
             case "Runtime.exceptionThrown":
-                details = about["exceptionDetails"]
-                self.complaints.append(details.get("exception", {}).get("description", details["text"]))
-            case "Runtime.consoleAPICalled" if about["type"] in ("error", "assert"):
-                self.complaints.append(" ".join(str(a.get("value", a.get("description"))) for a in about["args"]))
-            case "Log.entryAdded" if about["entry"]["level"] == "error":
-                self.complaints.append(f"{about['entry']['text']} {about['entry'].get('url', '')}".strip())
+                details = params["exceptionDetails"]
+                self.errors.append(details.get("exception", {}).get("description", details["text"]))
+            case "Runtime.consoleAPICalled" if params["type"] in ("error", "assert"):
+                self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in params["args"]))
+            case "Log.entryAdded" if params["entry"]["level"] == "error":
+                self.errors.append(f"{params['entry']['text']} {params['entry'].get('url', '')}".strip())
 
 
 @contextmanager
 def open_page(folder: Path) -> Iterator[Page]:
-    """A blank page of a new browser, whose profile is put into the folder; no address but loopback is found."""
+    """Open a blank page of a new browser with its profile in the folder; only loopback addresses resolve."""
     profile = folder / "chromium"
     command = [
         chromium(), "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
@@ -119,11 +119,11 @@ def open_page(folder: Path) -> Iterator[Page]:
 
 @contextmanager
 def open_lab(folder: Path, **env: str) -> Iterator[str]:
-    """JupyterLab on a folder, into which it writes all that it writes: the address, with ``%s`` for a file."""
+    """Start JupyterLab in a folder, with all its files inside; yield the URL with ``%s`` for the notebook name."""
     home, token = folder / ".jupyter-home", secrets.token_hex(16)
     settings = {
         "apputils-extension/notification": {"fetchNews": "false", "checkForUpdates": False},
-        "notebook-extension/tracker": {"windowingMode": "none"},  # all cells are in the page, not only those in sight
+        "notebook-extension/tracker": {"windowingMode": "none"},  # render all cells, also outside the window
     }
     for name, values in settings.items():
         file = home / "settings" / "@jupyterlab" / f"{name}.jupyterlab-settings"
@@ -137,12 +137,12 @@ def open_lab(folder: Path, **env: str) -> Iterator[str]:
         "--ServerApp.port_retries=0", f"--IdentityProvider.token={token}",
         "--LabApp.extension_manager=readonly", NO_BUILD,
     ]  # fmt: skip
-    places = {
+    folders = {
         "JUPYTER_CONFIG_DIR": "config", "JUPYTER_DATA_DIR": "data", "JUPYTER_RUNTIME_DIR": "runtime",
         "JUPYTERLAB_SETTINGS_DIR": "settings", "JUPYTERLAB_WORKSPACES_DIR": "workspaces", "IPYTHONDIR": "ipython",
     }  # fmt: skip
-    env = {**os.environ, **{name: str(home / place) for name, place in places.items()}, **env}
-    env.pop("MPLBACKEND", None)  # kernels draw into the notebook
+    env = {**os.environ, **{name: str(home / path) for name, path in folders.items()}, **env}
+    env.pop("MPLBACKEND", None)  # let kernels use the inline backend
     with _process(command, folder / ".lab.log", env=env) as server:
 
         def answers() -> bool:
@@ -156,15 +156,15 @@ def open_lab(folder: Path, **env: str) -> Iterator[str]:
 
 @contextmanager
 def _process(command: list[str], log: Path, env: dict[str, str] | None = None) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that is ended with all of its children, whatever happens."""
+    """Run a process; terminate it and all its children at the end."""
     with log.open("wb") as out, subprocess.Popen(command, stdout=out, stderr=out, env=env) as process:
         try:
             yield process
         finally:
-            family = []
+            processes = []
             if process.poll() is None:
-                family = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+                processes = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
                 process.terminate()
-            _, alive = psutil.wait_procs(family, timeout=20)
-            for one in alive:
-                one.kill()
+            _, alive = psutil.wait_procs(processes, timeout=20)
+            for remaining in alive:
+                remaining.kill()

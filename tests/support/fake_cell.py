@@ -1,4 +1,4 @@
-"""Cells that take no time and do what they are told, for tests of whoever runs them."""
+"""Fake cells with prescribed behaviour, for tests of the code that runs cells."""
 
 import errno
 import os
@@ -17,12 +17,12 @@ from autonerf_lab.types import Score
 from autonerf_lab.utils.storage import read_json
 
 FUNCTION = "fake_cell:run"
-COLUMNS = (*paper.RENDERING, *paper.MAPS, *paper.PLANNING, *paper.POSE, *paper.CORRELATED[-2:], *paper.MESH)
-KEYS = [*(column.key for column in COLUMNS), *(("reward", name) for name in ("cov", "obs", "sem", "view"))]
+METRICS = (*paper.RENDERING, *paper.MAPS, *paper.PLANNING, *paper.POSE, *paper.CORRELATED[-2:], *paper.MESH)
+KEYS = [*(metric.key for metric in METRICS), *(("reward", name) for name in ("cov", "obs", "sem", "view"))]
 
 
 def scores_of(cell: Cell) -> tuple[Score, ...]:
-    """Numbers that only depend on the cell: better by policy, worse by scene, and noisy."""
+    """Return scores that depend on the cell only: an offset per policy and scene, plus noise."""
     base = {"random": 0.0, "frontier": 5.0}.get(cell.policy, 8.0) - 3.0 * int(cell.scene[-1])
     rows = []
     for task, metric in KEYS:
@@ -34,17 +34,18 @@ def scores_of(cell: Cell) -> tuple[Score, ...]:
 
 
 def finished(cell: Cell) -> Outcome:
+    """Return the outcome of a finished cell."""
     curve = [50.0, 100.0]
     curves = dict.fromkeys(("coverage", "obstacle_coverage", "semantic_coverage", "viewpoint_coverage"), curve)
     return Outcome(cell, "ok", scores_of(cell), {"explore": {"seconds": 36.0, "peak_gb": 0.5}}, curves)
 
 
-def run(cell: Cell, out: Path, keep: bool, lpips: str | None) -> str:
-    """What ``told.json`` beside the results folder says, by cell; each call leaves a line in ``log``."""
+def run(cell: Cell, out: Path, save_run: bool, lpips: str | None) -> str:
+    """Follow ``behaviour.json`` next to the results folder, by cell. Each call appends a line to ``log``."""
     with (out.parent / "log").open("a") as log:
         log.write(f"{cell.name} {os.environ.get('OMP_NUM_THREADS')}\n")
-    told = out.parent / "told.json"
-    what = read_json(told).get(cell.name) if told.exists() else None
+    file = out.parent / "behaviour.json"
+    what = read_json(file).get(cell.name) if file.exists() else None
     if what == "hang":
         time.sleep(600)
     elif what == "slow":
@@ -69,14 +70,14 @@ def run(cell: Cell, out: Path, keep: bool, lpips: str | None) -> str:
     return "ok"
 
 
-def run_real(cell: Cell, out: Path, keep: bool, lpips: str | None) -> str:
-    """A real cell whose walk fails with the error of the number that ``told.json`` has for it, or oddly."""
-    number = read_json(out.parent / "told.json").get(cell.name)
+def run_real(cell: Cell, out: Path, save_run: bool, lpips: str | None) -> str:
+    """Run a real cell that fails with the error number in ``behaviour.json``, or else with a ``ValueError``."""
+    number = read_json(out.parent / "behaviour.json").get(cell.name)
 
     def fail(*arguments: object, **options: object) -> None:
         raise ValueError("odd") if number is None else OSError(number, os.strerror(number))
 
-    from autonerf_lab.benchmark.cell import run_cell  # torch: the other fakes are quick without
+    from autonerf_lab.benchmark.cell import run_cell  # imports torch, which the other fake cells do not need
 
-    pipeline.begin = fail
-    return run_cell(cell, out, keep, lpips)
+    pipeline.run_pipeline = fail
+    return run_cell(cell, out, save_run, lpips)

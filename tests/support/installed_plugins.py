@@ -1,4 +1,4 @@
-"""Packages that register entry points, as pip leaves them."""
+"""Fake installed packages with entry points."""
 
 import sys
 from dataclasses import dataclass
@@ -7,14 +7,14 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Site:
-    """A folder of installed packages."""
+    """Folder of installed packages."""
 
     folder: Path
 
     def install(self, package: str, name: str, code: str, value: str = "SPEC", group: str = "models") -> None:
-        """What pip leaves of a package of one module that registers one entry point."""
+        """Write the files of an installed package with one module and one entry point."""
         module = package.replace("-", "_")
-        sys.modules.pop(module, None)  # of the test before
+        sys.modules.pop(module, None)  # from a previous test
         (self.folder / f"{module}.py").write_text(code)
         info = self.folder / f"{module}-1.0.dist-info"
         info.mkdir()
@@ -22,7 +22,7 @@ class Site:
         (info / "entry_points.txt").write_text(f"[autonerf_lab.{group}]\n{name} = {module}:{value}\n")
 
     def uninstall(self, package: str) -> None:
-        """Take it off again."""
+        """Remove the metadata of a package."""
         module = package.replace("-", "_")
         for file in (self.folder / f"{module}-1.0.dist-info").iterdir():
             file.unlink()

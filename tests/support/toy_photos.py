@@ -1,6 +1,6 @@
-"""Photographs of a world that is a formula: balls with a pattern, under a sky so far away that it has no parallax.
+"""Photographs of an analytic scene: balls with a pattern, and a sky so distant that it has no parallax.
 
-Nothing here is the package's own: its distortion, its rays and its poses are checked against these.
+Independent of the package, so that tests can compare its distortion, rays and poses with these.
 """
 
 from dataclasses import replace
@@ -13,11 +13,11 @@ from autonerf_lab.geometry import Intrinsics
 
 CAMERA = Intrinsics.from_fov(40, 30, hfov_deg=70)
 BALLS = ((0.0, 0.0, 0.0, 1.0), (1.3, 0.6, -0.4, 0.5), (-0.9, 1.1, 0.5, 0.4))  # x, y, z, radius
-SKY = 400.0
+SKY = 400.0  # radius
 
 
 def looking(eye, target, up=(0.0, 0.0, 1.0)):
-    """(4, 4) camera-to-world, OpenGL."""
+    """Return the (4, 4) camera-to-world pose of a camera at ``eye`` that looks at ``target``, OpenGL."""
     back = np.subtract(eye, target) / np.linalg.norm(np.subtract(eye, target))
     right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
     pose = np.eye(4)
@@ -26,7 +26,7 @@ def looking(eye, target, up=(0.0, 0.0, 1.0)):
 
 
 def orbit(count=40, radius=4.0, seed=0):
-    """Around the balls, looking at them."""
+    """Return (count, 4, 4) poses around the balls, looking at them."""
     rng = np.random.default_rng(seed)
     turns, heights = np.arange(count) * 2.4, rng.uniform(-1, 2.5, count)
     eyes = np.stack([radius * np.cos(turns), radius * np.sin(turns), heights], axis=1)
@@ -34,7 +34,7 @@ def orbit(count=40, radius=4.0, seed=0):
 
 
 def outward(count=40, seed=0):
-    """From a small place between the balls' sides, looking all around: mostly sky."""
+    """Return (count, 4, 4) poses in a small region beside the balls, looking in all directions: mostly sky."""
     rng = np.random.default_rng(seed)
     eyes = rng.uniform((-1, -3.5, -1), (1, -1.5, 1), (count, 3))
     turns, rise = np.arange(count) * 2.4, rng.uniform(-0.3, 0.3, count)
@@ -49,7 +49,7 @@ def _pattern(points, scale):
 
 
 def colors(rays_o, rays_d):
-    """(N, 3) origins and directions -> (N, 3) colours in [0, 1] and (N,) multiples of the direction to the surface."""
+    """Return (N, 3) colours in [0, 1] of rays and (N,) distances to the surface, in lengths of the directions."""
     squared = (rays_d**2).sum(axis=1)
 
     def hit(center, radius):
@@ -73,7 +73,7 @@ def colors(rays_o, rays_d):
 
 
 def undistorted(camera, u, v):
-    """Pixels -> x right, y down at depth 1: the fixed point that OpenCV iterates."""
+    """Return x right, y down at depth 1 of pixels (u, v), by the fixed-point iteration of OpenCV."""
     distorted = np.stack([(u - camera.cx) / camera.fl_x, (v - camera.cy) / camera.fl_y])
     x, y = distorted
     k1, k2, k3, p1, p2 = camera.lens
@@ -86,7 +86,7 @@ def undistorted(camera, u, v):
 
 
 def photograph(c2w, camera=CAMERA, fine=3):
-    """(H, W, 3) uint8, ``fine`` x ``fine`` rays a pixel; and (H, W) depth along the axis at the pixels' centres."""
+    """Render (H, W, 3) uint8 with ``fine`` x ``fine`` rays per pixel, and (H, W) depth along the axis."""
     steps = (np.arange(fine) + 0.5) / fine
     total = 0
     for du in steps:
@@ -103,7 +103,7 @@ def photograph(c2w, camera=CAMERA, fine=3):
 
 
 def photographs(poses, cameras=CAMERA):
-    """A capture of unknown scale, without labels."""
+    """Return a dataset of unknown scale, without labels."""
     cameras = [cameras] * len(poses) if isinstance(cameras, Intrinsics) else cameras
     images = [photograph(pose, camera)[0] for pose, camera in zip(poses, cameras, strict=True)]
     names = [f"{t:03d}.png" for t in range(len(poses))]
@@ -111,22 +111,22 @@ def photographs(poses, cameras=CAMERA):
 
 
 def moved(data, scale=1.0, shift=(0.0, 0.0, 0.0)):
-    """The same photographs in other coordinates: the world is scaled, then shifted."""
+    """Return the same photographs in other coordinates: scaled, then shifted."""
     poses = data.poses.copy()
     poses[:, :3, 3] = scale * poses[:, :3, 3] + shift
     return replace(data, poses=poses)
 
 
 def write(data, folder):
-    """As nerfstudio keeps it, every frame with its own camera."""
+    """Write a nerfstudio dataset, in which every frame has its own camera."""
     import json
 
     folder.mkdir(parents=True, exist_ok=True)
     frames = []
-    for pose, image, camera, name in zip(data.poses, data.images, data.cameras, data.names, strict=True):
+    for pose, image, camera, name in zip(data.poses, data.images, data.intrinsics, data.names, strict=True):
         Image.fromarray(image).save(folder / name)
-        words = {key: getattr(camera, key) for key in ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "p1", "p2")}
-        words |= {"w": camera.width, "h": camera.height}
-        frames.append({"file_path": name, "transform_matrix": pose.tolist(), **words})
+        keys = {key: getattr(camera, key) for key in ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "p1", "p2")}
+        keys |= {"w": camera.width, "h": camera.height}
+        frames.append({"file_path": name, "transform_matrix": pose.tolist(), **keys})
     (folder / "transforms.json").write_text(json.dumps({"frames": frames}))
     return folder

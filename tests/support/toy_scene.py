@@ -1,10 +1,10 @@
-"""Two rooms drawn by hand: small enough to know every answer, and shaped like a generated scene.
+"""Hand-made test scenes with known geometry, and attributes like those of a generated scene.
 
-Room A is x in [0, 4], room B is x in [4.1, 8], both y in [0, 3] and 2.5 m high; a wall of 10 cm with a doorway
-y in [1, 2], 2 m high, parts them. Room A holds a bed (class 4, instance 1) at x in [0, 1.5], y in [2, 3], 0.5 m high,
-with a vase (class 13, instance 2) on it; room B a refrigerator (class 10, instance 3) at x in [7.4, 7.98],
-y in [0.02, 0.6], 1.8 m high, and a dining table (class 7, instance 4): a slab at 0.7 m above x in [5, 6],
-y in [2.2, 2.9].
+Two rooms: room A is x in [0, 4], room B is x in [4.1, 8], both y in [0, 3] and 2.5 m high. A wall of 10 cm with a
+doorway y in [1, 2], 2 m high, separates them. Room A contains a bed (class 4, instance 1) at x in [0, 1.5],
+y in [2, 3], 0.5 m high, with a vase (class 13, instance 2) on it. Room B contains a refrigerator (class 10, instance 3)
+at x in [7.4, 7.98], y in [0.02, 0.6], 1.8 m high, and a dining table (class 7, instance 4): a slab at 0.7 m above
+x in [5, 6], y in [2.2, 2.9].
 """
 
 from dataclasses import dataclass, field
@@ -14,11 +14,13 @@ import numpy as np
 
 from autonerf_lab.scenes.scene import Scene
 
-TEXELS = 64  # of each quad's tile in the texture
+TEXELS = 64  # side of each quad's tile in the texture
 
 
 @dataclass(frozen=True, eq=False)
 class ToyScene:
+    """Scene with a fixed texture; see :class:`autonerf_lab.scenes.Scene` for its arrays."""
+
     name: str
     vertices: np.ndarray
     faces: np.ndarray
@@ -31,17 +33,20 @@ class ToyScene:
 
     @property
     def bounds(self) -> np.ndarray:
+        """Lower and upper corner, (2, 3) metres."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]).astype(np.float64)
 
     sha256 = Scene.sha256
 
 
-def of_toy(toy: ToyScene) -> Scene:
-    """The same as a scene of the package, where one is asked for."""
+def to_scene(toy: ToyScene) -> Scene:
+    """Convert a toy scene to a ``Scene`` of the package."""
     return Scene("toy", toy.vertices, toy.faces, toy.face_class, toy.face_instance, toy.uv, bake=lambda: toy.texture)
 
 
 class _Builder:
+    """Collector of labelled quads."""
+
     def __init__(self) -> None:
         self.quads: list[np.ndarray] = []
         self.labels: list[tuple[int, int]] = []
@@ -94,6 +99,7 @@ def _room(b: _Builder, width: float, depth: float, height: float = 2.5) -> None:
 
 
 def two_rooms() -> ToyScene:
+    """Return the two rooms that the module docstring describes."""
     b = _Builder()
     _room(b, 8, 3)
     b.box((4, 0, 0), (4.1, 1, 2.5))
@@ -109,13 +115,14 @@ def two_rooms() -> ToyScene:
 
 
 def empty_room(width: float = 4.0, depth: float = 3.0) -> ToyScene:
+    """Return an empty room of width x depth metres, 2.5 m high."""
     b = _Builder()
     _room(b, width, depth)
     return b.build("empty")
 
 
 def uneven_floor(*profile: tuple[float, float]) -> ToyScene:
-    """A floor 2 m wide that changes its height along x: corners (x, z), nothing where one is NaN."""
+    """Return a floor 2 m wide with a height profile of (x, z) along x; no floor where z is NaN."""
     b = _Builder()
     for (x0, z0), (x1, z1) in pairwise(profile):
         if np.isfinite([z0, z1]).all():
@@ -124,7 +131,7 @@ def uneven_floor(*profile: tuple[float, float]) -> ToyScene:
 
 
 def closet() -> ToyScene:
-    """Too narrow for the robot."""
+    """Return a room too narrow for the robot."""
     b = _Builder()
     _room(b, 0.3, 0.3)
     return b.build("closet")

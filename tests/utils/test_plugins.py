@@ -1,4 +1,4 @@
-"""Plug-ins of installed packages: a broken one is reported by name and left out, the others are not disturbed."""
+"""Plug-ins of installed packages: a broken plug-in is reported by name and skipped; the others are loaded."""
 
 import json
 from pathlib import Path
@@ -10,8 +10,8 @@ from toy_scene import two_rooms
 from autonerf_lab.errors import DataError, UnknownNameError, WrongTypeError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf import MODELS, available, fit, load_nerf, model_spec
-from autonerf_lab.pipeline import check_names
-from autonerf_lab.utils.plugins import PluginWarning, installed, package_of
+from autonerf_lab.pipeline import check_arguments
+from autonerf_lab.utils.plugins import PluginWarning, load_plugins, package_name_of
 
 GOOD = """
 from dataclasses import replace
@@ -21,18 +21,18 @@ SPEC = ModelSpec({"smoke": replace(SETTINGS["smoke"], steps=2, seen_rays=500)}, 
 """
 
 
-def test_a_good_one_is_listed_by_the_name_it_is_registered_by(site: Site) -> None:
+def test_valid_plugin_is_listed_by_its_registered_name(site: Site) -> None:
     site.install("good-nerf", "good", GOOD)
     assert set(available()) == {*MODELS, "good"}
     assert model_spec("good").name == "good"
-    assert package_of("models", "good") == "good-nerf"
-    check_names(model="good")  # as the command line does
+    assert package_name_of("models", "good") == "good-nerf"
+    check_arguments(model="good")  # the command line uses this check
 
 
 @pytest.mark.parametrize(
     ("code", "value", "reason"),
     [
-        ("import nobody_has_this", "SPEC", "ModuleNotFoundError: No module named 'nobody_has_this'"),
+        ("import missing_package", "SPEC", "ModuleNotFoundError: No module named 'missing_package'"),
         ("def f(:", "SPEC", "SyntaxError"),
         ("1 / 0", "SPEC", "ZeroDivisionError"),
         ("import sys; sys.exit('no GPU')", "SPEC", "SystemExit: no GPU"),
@@ -43,17 +43,17 @@ def test_a_good_one_is_listed_by_the_name_it_is_registered_by(site: Site) -> Non
     ],
     ids=["missing import", "syntax", "raises", "exits", "no such name", "function", "class", "dict"],
 )
-def test_a_broken_one_is_named_and_left_out(site: Site, code: str, value: str, reason: str) -> None:
+def test_broken_plugin_is_reported_and_skipped(site: Site, code: str, value: str, reason: str) -> None:
     site.install("bad-nerf", "bad", code, value)
     site.install("good-nerf", "good", GOOD)
     with pytest.warns(PluginWarning) as caught:
         found = available()
     assert set(found) == {*MODELS, "good"}
     (message,) = [str(warning.message) for warning in caught]
-    assert f"plug-in 'bad' (bad_nerf:{value}) is left out" in message and reason in message
+    assert f"plug-in 'bad' (bad_nerf:{value}) was skipped" in message and reason in message
 
 
-def test_one_that_takes_the_name_of_another_is_left_out_unread(site: Site) -> None:
+def test_plugin_with_a_taken_name_is_skipped_without_loading(site: Site) -> None:
     site.install("usurper", "instant-ngp", "raise RuntimeError('this code ran')")
     site.install("good-nerf", "good", GOOD)
     site.install("late-nerf", "good", GOOD)
@@ -65,12 +65,12 @@ def test_one_that_takes_the_name_of_another_is_left_out_unread(site: Site) -> No
     assert "plug-in 'instant-ngp' (usurper:SPEC)" in messages[1] and "'instant-ngp' is taken" in messages[1]
 
 
-def test_a_built_in_is_found_without_loading_any(site: Site) -> None:
+def test_built_in_model_is_found_without_loading_plugins(site: Site) -> None:
     site.install("bad-nerf", "bad", "1 / 0")
     assert model_spec("semantic-nerfacto").build is MODELS["semantic-nerfacto"].build  # a warning would be an error
 
 
-def test_asking_for_a_broken_one_lists_what_there_is(site: Site) -> None:
+def test_request_of_a_broken_plugin_lists_the_valid_names(site: Site) -> None:
     site.install("bad-nerf", "bad", "1 / 0")
     with (
         pytest.warns(PluginWarning, match="'bad'"),
@@ -79,35 +79,36 @@ def test_asking_for_a_broken_one_lists_what_there_is(site: Site) -> None:
         model_spec("bad")
 
 
-def test_groups_do_not_mix(site: Site) -> None:
+def test_groups_are_separate(site: Site) -> None:
     site.install("other", "other", "SPEC = 1", group="rewards")
     assert set(available()) == set(MODELS)
-    assert installed("rewards", {}, int) == {"other": 1}
+    assert load_plugins("rewards", {}, int) == {"other": 1}
 
 
 @pytest.mark.parametrize("wrong", [None, 3, {}, MODELS["instant-ngp"].build, dict])
-def test_a_model_is_a_name_or_a_spec(wrong: object) -> None:
+def test_model_must_be_a_name_or_a_spec(wrong: object) -> None:
     kind = "dict" if wrong is dict else f"a {type(wrong).__name__}"
-    with pytest.raises(WrongTypeError, match=f"a name or a ModelSpec, not {kind}; ModelSpec"):
+    with pytest.raises(WrongTypeError, match=f"a name or a ModelSpec, not {kind}; create one with ModelSpec"):
         fit(object(), wrong)
 
 
 @pytest.fixture
 def saved(site: Site, tmp_path: Path) -> Path:
-    """A field of a plug-in's model, whose package was taken off afterwards."""
+    """Field of a plug-in model whose package was uninstalled afterwards."""
     from autonerf_lab.exploration import explore
     from autonerf_lab.simulator import Simulator
 
     site.install("good-nerf", "good", GOOD)
-    walk = explore(Simulator(two_rooms(), Intrinsics.from_fov(12, 12), supersample=1), "random", 8, progress=False)
-    field = fit(walk, "good", "smoke", progress=False)
+    sim = Simulator(two_rooms(), Intrinsics.from_fov(12, 12), supersample=1)
+    trajectory = explore(sim, "random", 8, progress=False)
+    field = fit(trajectory, "good", "smoke", progress=False)
     field.save(tmp_path / "field")
     assert load_nerf(tmp_path / "field").meta == field.meta
     site.uninstall("good-nerf")
     return tmp_path / "field"
 
 
-def test_a_field_whose_package_is_gone_says_what_to_install(saved: Path) -> None:
+def test_field_of_an_uninstalled_package_names_the_package(saved: Path) -> None:
     with pytest.raises(DataError) as caught:
         load_nerf(saved)
     message = str(caught.value)
@@ -116,19 +117,19 @@ def test_a_field_whose_package_is_gone_says_what_to_install(saved: Path) -> None
     assert "\n" not in message and "Error" not in message
 
 
-def test_it_is_read_with_the_model_in_hand(saved: Path) -> None:
+def test_field_is_loaded_with_a_given_model(saved: Path) -> None:
     assert load_nerf(saved, model=MODELS["instant-ngp"]).meta["model"] == "good"
 
 
 @pytest.mark.parametrize("meta", [None, [], {}, {"model": None}, {"model": ["good"]}])
-def test_a_file_that_names_no_model_is_refused(saved: Path, meta: object) -> None:
+def test_file_without_a_model_name_is_refused(saved: Path, meta: object) -> None:
     content = json.loads((saved / "nerf.json").read_text())
     (saved / "nerf.json").write_text(json.dumps(content | {"meta": meta}))
     with pytest.raises(DataError, match=r"nerf\.json does not describe a field"):
         load_nerf(saved)
 
 
-def test_names_out_of_a_file_are_quoted_and_cut(saved: Path) -> None:
+def test_names_from_a_file_are_quoted_and_shortened(saved: Path) -> None:
     content = json.loads((saved / "nerf.json").read_text())
     content["package"], content["meta"]["model"] = "x" * 5000, "y\n" * 5000
     (saved / "nerf.json").write_text(json.dumps(content))

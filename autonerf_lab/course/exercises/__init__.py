@@ -1,1 +1,1 @@
-"""Exercises of the notebooks, with their solutions and checks."""
+"""Exercises of the notebooks with test cases, solutions and hints; one module per notebook."""

@@ -1,6 +1,6 @@
 """Exercises of notebook 01: frames, rays, depth.
 
-The solutions are read by students: they say in the notebook's words what ``geometry`` does for all pixels at once.
+Students read the solutions. They use the notation of the notebook; ``geometry`` computes the same for all pixels.
 """
 
 import numpy as np
@@ -15,12 +15,14 @@ _EAST, _NORTH = planar_pose(1.0, 2.0, 0.0), planar_pose(0.0, 0.0, np.pi / 2)
 
 
 def pixel_to_ray(column: int, row: int, camera: Intrinsics, pose: np.ndarray) -> np.ndarray:
-    right = (column + 0.5 - camera.cx) / camera.fl_x  # the centre of a pixel lies at a half
+    """Return the world direction (3,) through the centre of a pixel, at depth 1."""
+    right = (column + 0.5 - camera.cx) / camera.fl_x  # the centre of a pixel is at + 0.5
     down = (row + 0.5 - camera.cy) / camera.fl_y
     return pose[:3, :3] @ np.array([right, -down, -1.0])  # rows grow downwards; the camera looks along -z
 
 
 def depth_to_points(depth: np.ndarray, camera: Intrinsics, pose: np.ndarray) -> np.ndarray:
+    """Return the world points (H, W, 3), metres, of a depth image (H, W)."""
     column, row = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     right, down = (column - camera.cx) / camera.fl_x, (row - camera.cy) / camera.fl_y
     points = depth[..., None] * np.stack([right, -down, -np.ones_like(right)], axis=-1)
@@ -28,7 +30,8 @@ def depth_to_points(depth: np.ndarray, camera: Intrinsics, pose: np.ndarray) -> 
 
 
 def heading(pose: np.ndarray) -> float:
-    forward = -pose[:3, 2]  # the third column is the camera's z axis, and it looks along -z
+    """Return the heading of a level camera, radians."""
+    forward = -pose[:3, 2]  # the third column is the z axis of the camera, which looks along -z
     return float(np.arctan2(forward[1], forward[0]))
 
 
@@ -47,7 +50,7 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 PIXEL_TO_RAY = Exercise(
     "01-pixel-to-ray",
-    "The world direction through the centre of a pixel, (3,), as long as it takes to be at depth 1.",
+    "Return the world direction through the centre of a pixel, (3,), scaled to a depth of 1.",
     (
         Case("column 2, row 1, 4 x 4 pixels, pose = identity", (2, 1, _SQUARE, np.eye(4)), np.array([0.25, 0.25, -1])),
         Case("the same pixel of a camera that looks along +x", (2, 1, _SQUARE, _EAST), np.array([1, -0.25, 0.25])),
@@ -57,39 +60,39 @@ PIXEL_TO_RAY = Exercise(
     pixel_to_ray,
     (
         Mistake(
-            "Rows grow downwards, and the camera's y axis points upwards.",
+            "The row index grows downwards, but the y axis of the camera points upwards.",
             lambda u, v, k, pose: pose[:3, :3] @ _ray(u, v, k, flip=1),
         ),
         Mistake(
-            "The ray goes backwards: an OpenGL camera looks along its own -z.",
+            "The ray points backwards: an OpenGL camera looks along its own -z axis.",
             lambda u, v, k, pose: pose[:3, :3] @ _ray(u, v, k, z=1),
         ),
         Mistake(
-            "y down and z forward is the frame of OpenCV; here y is up, and the camera looks along -z.",
+            "y down and z forward is the OpenCV convention. Here y is up and the camera looks along -z.",
             lambda u, v, k, pose: pose[:3, :3] @ _ray(u, v, k, flip=1, z=1),
         ),
         Mistake(
-            "That is the pixel's corner. Its centre lies half a pixel to the right and half a pixel further down.",
+            "This is the corner of the pixel. Its centre is half a pixel further right and half a pixel further down.",
             lambda u, v, k, pose: pose[:3, :3] @ _ray(u, v, k, shift=0),
         ),
         Mistake(
-            "This is the direction in the camera's frame; the rotation of the pose brings it into the world.",
+            "This direction is in the camera frame. Rotate it into the world frame with the rotation of the pose.",
             lambda u, v, k, pose: _ray(u, v, k),
         ),
         Mistake(
-            "A direction is turned but not moved: the last column of the pose belongs to points.",
+            "Rotate a direction, but do not translate it: the translation of the pose applies to points only.",
             lambda u, v, k, pose: pose[:3, :3] @ _ray(u, v, k) + pose[:3, 3],
         ),
         Mistake(
-            "It has length 1. To be at depth 1 it must be longer, the more the farther the pixel is from the middle.",
+            "This direction has length 1. For a depth of 1 it must be longer, except at the image centre.",
             lambda u, v, k, pose: _unit(pose[:3, :3] @ _ray(u, v, k)),
         ),
         Mistake(
-            "The rotation goes the wrong way: its transpose leads from the world to the camera.",
+            "The transposed rotation maps from the world to the camera. Use the rotation itself.",
             lambda u, v, k, pose: pose[:3, :3].T @ _ray(u, v, k),
         ),
         Mistake(
-            "Columns belong to x and rows to y: they have changed places.",
+            "Row and column are swapped: columns belong to x, rows to y.",
             lambda u, v, k, pose: pose[:3, :3] @ _ray(v, u, k),
         ),
     ),
@@ -102,7 +105,7 @@ def _rays(camera: Intrinsics, flip: float = -1) -> np.ndarray:
 
 DEPTH_TO_POINTS = Exercise(
     "01-depth-to-points",
-    "The world points of a depth image, (H, W, 3), metres.",
+    "Return the world points of a depth image, (H, W, 3), metres.",
     (
         Case(
             "2 x 2 pixels at x = 1, y = 2, along +x, depth 2 m on the left and 4 m on the right",
@@ -110,7 +113,7 @@ DEPTH_TO_POINTS = Exercise(
             np.array([[[3, 3, 1.88], [5, 0, 2.88]], [[3, 3, -0.12], [5, 0, -1.12]]]),
         ),
         Case(
-            "2 x 2 pixels in the origin, along +y, a wall at 2 m",
+            "2 x 2 pixels at the origin, along +y, a wall at 2 m",
             (np.full((2, 2), 2.0), _TINY, _NORTH),
             np.array([[[-1, 2, 1.88], [1, 2, 1.88]], [[-1, 2, -0.12], [1, 2, -0.12]]]),
         ),
@@ -118,23 +121,23 @@ DEPTH_TO_POINTS = Exercise(
     depth_to_points,
     (
         Mistake(
-            "The wall has become round: depth is measured along the optical axis, not along the ray. Do not normalise.",
+            "The wall becomes curved: depth is measured along the optical axis, not along the ray. Do not normalise.",
             lambda d, k, pose: d[..., None] * _unit(_rays(k)) @ pose[:3, :3].T + pose[:3, 3],
         ),
         Mistake(
-            "The camera is missing: the points are turned into the world, but not moved to where the camera is.",
+            "The points are rotated, but not translated: add the position of the camera.",
             lambda d, k, pose: d[..., None] * _rays(k) @ pose[:3, :3].T,
         ),
         Mistake(
-            "The points are not turned: multiply them by the rotation of the pose before they are moved.",
+            "The points are translated, but not rotated: multiply them by the rotation of the pose first.",
             lambda d, k, pose: d[..., None] * _rays(k) + pose[:3, 3],
         ),
         Mistake(
-            "Points in rows are multiplied by the transpose of the rotation, p R^T: this is the inverse rotation.",
+            "This is the inverse rotation: points stored as rows are multiplied by the transpose, p R^T.",
             lambda d, k, pose: d[..., None] * _rays(k) @ pose[:3, :3] + pose[:3, 3],
         ),
         Mistake(
-            "The room is upside down: rows grow downwards, and the camera's y axis points upwards.",
+            "The points are upside down: the row index grows downwards, but the y axis of the camera points upwards.",
             lambda d, k, pose: d[..., None] * _rays(k, flip=1) @ pose[:3, :3].T + pose[:3, 3],
         ),
     ),
@@ -142,30 +145,33 @@ DEPTH_TO_POINTS = Exercise(
 
 HEADING = Exercise(
     "01-heading",
-    "The heading of a level camera from its pose, radians in (-pi, pi].",
+    "Return the heading of a level camera from its pose, radians in (-pi, pi].",
     (
         Case("a camera that looks along +x", (planar_pose(3.0, 1.0, 0.0),), 0.0),
-        Case("a camera turned 30 degrees to the left of that", (planar_pose(3.0, 1.0, np.pi / 6),), np.pi / 6),
-        Case("one turned by 120 degrees", (planar_pose(3.0, 1.0, 2 * np.pi / 3),), 2 * np.pi / 3),
-        Case("one turned by 60 degrees to the right", (planar_pose(0.0, 0.0, -np.pi / 3),), -np.pi / 3),
+        Case("a heading of 30 degrees", (planar_pose(3.0, 1.0, np.pi / 6),), np.pi / 6),
+        Case("a heading of 120 degrees", (planar_pose(3.0, 1.0, 2 * np.pi / 3),), 2 * np.pi / 3),
+        Case("a heading of -60 degrees", (planar_pose(0.0, 0.0, -np.pi / 3),), -np.pi / 3),
     ),
     heading,
     (
         Mistake(
-            "A quarter turn off: the first column is the camera's x axis, which points to its right.",
+            "The result is off by 90 degrees: the first column is the x axis of the camera, which points to its right.",
             lambda pose: np.arctan2(pose[1, 0], pose[0, 0]),
         ),
-        Mistake("Half a turn off: the camera looks along -z.", lambda pose: np.arctan2(pose[1, 2], pose[0, 2])),
         Mistake(
-            "arctan cannot tell forward from backward: arctan2(y, x) keeps the signs of both.",
+            "The result is off by 180 degrees: the camera looks along -z.",
+            lambda pose: np.arctan2(pose[1, 2], pose[0, 2]),
+        ),
+        Mistake(
+            "arctan loses the signs of x and y. Use arctan2(y, x).",
             lambda pose: np.arctan(pose[1, 2] / pose[0, 2]),
         ),
-        Mistake("Radians, please.", lambda pose: np.degrees(heading(pose))),
+        Mistake("The result is in degrees. Return radians.", lambda pose: np.degrees(heading(pose))),
         Mistake(
-            "arctan2 takes y first: this is an angle from +y, as on a compass.",
+            "The arguments of arctan2 are swapped: y comes first. This is an angle from +y, as on a compass.",
             lambda pose: np.arctan2(-pose[0, 2], -pose[1, 2]),
         ),
-        Mistake("Angles grow counter-clockwise, seen from above.", lambda pose: -heading(pose)),
+        Mistake("The sign is wrong: angles grow counter-clockwise, seen from above.", lambda pose: -heading(pose)),
     ),
 )
 

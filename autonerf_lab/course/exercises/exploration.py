@@ -1,6 +1,6 @@
-"""Exercises of notebook 03: the frontier, what a place is worth, chances from scores.
+"""Exercises of notebook 03: the frontier, the utility of a waypoint, probabilities from scores.
 
-The solutions are read by students: they say in a few lines what ``policies.frontier`` and ``.networks`` compute.
+Students read the solutions. They compute in a few lines what ``policies.frontier`` and ``policies.networks`` compute.
 """
 
 import numpy as np
@@ -9,30 +9,33 @@ from autonerf_lab.course.checker import Case, Exercise, Mistake
 
 
 def frontier(explored: np.ndarray, occupied: np.ndarray) -> np.ndarray:
-    unknown = np.pad(~explored, 1)  # beyond the edge of the map there is nothing to discover
-    beside = unknown[:-2, 1:-1] | unknown[2:, 1:-1] | unknown[1:-1, :-2] | unknown[1:-1, 2:]
-    return explored & ~occupied & beside
+    """Return the free cells that have an unknown 4-neighbour, (M, M) bool."""
+    unknown = np.pad(~explored, 1)  # cells outside the map do not count as unknown
+    touches = unknown[:-2, 1:-1] | unknown[2:, 1:-1] | unknown[1:-1, :-2] | unknown[1:-1, 2:]
+    return explored & ~occupied & touches
 
 
-def utility(gain: float, metres: float, turn: float) -> float:
-    steps = metres / 0.25 + abs(turn) / np.radians(30) + 4
+def utility(gain: float, distance: float, rotation: float) -> float:
+    """Return the gain per step, m2, of a waypoint from its distance (m) and rotation (rad)."""
+    steps = distance / 0.25 + abs(rotation) / np.radians(30) + 4
     return gain / steps
 
 
-def chances(scores: np.ndarray, there: np.ndarray) -> np.ndarray:
-    highest = scores[there].max()  # takes nothing away from the chances, and keeps exp from overflowing
-    weights = np.exp(np.where(there, scores - highest, -np.inf))
+def probabilities(scores: np.ndarray, reachable: np.ndarray) -> np.ndarray:
+    """Return the softmax of the scores over the reachable blocks, 0 elsewhere."""
+    highest = scores[reachable].max()  # subtracting it prevents an overflow and changes no probability
+    weights = np.exp(np.where(reachable, scores - highest, -np.inf))
     return weights / weights.sum()
 
 
-def _beside(mask: np.ndarray, rim: bool = False, corners: bool = False) -> np.ndarray:
-    """Cells with a set one above, below, left or right, or at a corner; what lies outside is ``rim``."""
+def _neighbours(mask: np.ndarray, border: bool = False, corners: bool = False) -> np.ndarray:
+    """Return True for cells with a set 4-neighbour, or 8-neighbour with ``corners``; cells outside are ``border``."""
     rows, cols = mask.shape
-    wide, found = np.pad(mask, 1, constant_values=rim), np.zeros_like(mask)
+    padded, result = np.pad(mask, 1, constant_values=border), np.zeros_like(mask)
     for row, col in np.ndindex(3, 3):
         if corners or (row + col) % 2:
-            found |= wide[row : row + rows, col : col + cols]
-    return found
+            result |= padded[row : row + rows, col : col + cols]
+    return result
 
 
 def _rolled(mask: np.ndarray) -> np.ndarray:
@@ -46,45 +49,49 @@ def _softmax(scores: np.ndarray) -> np.ndarray:
 
 
 def _map(*rows: str) -> tuple[np.ndarray, np.ndarray]:
-    """Explored and occupied: "." is free, "#" an obstacle, and " " is what nobody has seen."""
+    """Return explored and occupied cells: "." is free, "#" an obstacle and " " unknown."""
     cells = np.array([list(row) for row in rows])
     return cells != " ", cells == "#"
 
 
 _ROOM = _map("#####", "#....", "#... ", "#..  ", "##   ")
 _CORNER = _map("...", "...", ".. ")
-_TO_THE_RIM = _map("...", " ..", "...")
+_AT_THE_BORDER = _map("...", " ..", "...")
 _ALL = np.ones(3, bool)
 
 FRONTIER = Exercise(
     "03-frontier",
-    "Which cells are the frontier, (M, M) bool: free, and beside one that nobody has seen.",
+    "Return the frontier, (M, M) bool: free cells with an unknown 4-neighbour.",
     (
         Case(
-            "a room whose lower right is unseen",
+            "a room whose lower right is unknown",
             _ROOM,
             np.array([[0, 0, 0, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, 1, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0, 0]]),
         ),
-        Case("3 x 3 cells, all free, one corner unseen", _CORNER, np.array([[0, 0, 0], [0, 0, 1], [0, 1, 0]])),
-        Case("3 x 3 cells, the left middle unseen", _TO_THE_RIM, np.array([[1, 0, 0], [0, 1, 0], [1, 0, 0]])),
+        Case("3 x 3 cells, all free except an unknown corner", _CORNER, np.array([[0, 0, 0], [0, 0, 1], [0, 1, 0]])),
+        Case(
+            "3 x 3 cells, all free except an unknown cell at the left border",
+            _AT_THE_BORDER,
+            np.array([[1, 0, 0], [0, 1, 0], [1, 0, 0]]),
+        ),
     ),
     frontier,
     (
         Mistake(
-            "These are the unseen cells beside the known. The frontier is on this side, where the robot can stand.",
-            lambda explored, occupied: ~explored & _beside(explored & ~occupied),
+            "These are the unknown cells next to free ones. The frontier consists of the free cells.",
+            lambda explored, occupied: ~explored & _neighbours(explored & ~occupied),
         ),
-        Mistake("A wall beside the unseen is no frontier: free cells only.", lambda e, o: e & _beside(~e)),
+        Mistake("Occupied cells are not part of the frontier. Use only free cells.", lambda e, o: e & _neighbours(~e)),
         Mistake(
-            "Corners do not touch: the four neighbours above, below, left and right are meant.",
-            lambda e, o: e & ~o & _beside(~e, corners=True),
-        ),
-        Mistake(
-            "The map's edge has become a frontier: what lies outside of the array is not to be discovered.",
-            lambda e, o: e & ~o & _beside(~e, rim=True),
+            "Diagonal neighbours do not count: use the four neighbours above, below, left and right.",
+            lambda e, o: e & ~o & _neighbours(~e, corners=True),
         ),
         Mistake(
-            "np.roll takes the left edge for the right neighbour of the right one. Pad the map instead.",
+            "The border of the map became a frontier. Cells outside the array do not count as unknown.",
+            lambda e, o: e & ~o & _neighbours(~e, border=True),
+        ),
+        Mistake(
+            "np.roll wraps around: cells at one border become neighbours of the opposite border. Pad the map instead.",
             lambda e, o: e & ~o & _rolled(~e),
         ),
     ),
@@ -92,41 +99,49 @@ FRONTIER = Exercise(
 
 UTILITY = Exercise(
     "03-utility",
-    "What a place brings a step, m2: steps of 25 cm, turns of 30 degrees, and 4 steps for every new waypoint.",
+    "Return the gain per step, m2: forward steps of 25 cm, rotations of 30 degrees, and 4 steps per waypoint.",
     (
         Case("6 m2, 2 m away, straight ahead", (6.0, 2.0, 0.0), 0.5),
         Case("6 m2, 1 m away, 120 degrees to the left", (6.0, 1.0, np.radians(120)), 0.5),
         Case("6 m2, 1 m away, 120 degrees to the right", (6.0, 1.0, -np.radians(120)), 0.5),
-        Case("2 m2 from where it stands", (2.0, 0.0, 0.0), 0.5),
+        Case("2 m2 from the current position", (2.0, 0.0, 0.0), 0.5),
     ),
     utility,
     (
-        Mistake("The way is in metres: a step is 25 cm.", lambda g, m, t: g / (m + abs(t) / np.radians(30) + 4)),
         Mistake(
-            "A turn to the right is negative, and takes as long as one to the left.",
-            lambda g, m, t: g / (m / 0.25 + t / np.radians(30) + 4),
-        ),
-        Mistake("The turn is in radians, and a step turns by 30 degrees.", lambda g, m, t: g / (m / 0.25 + abs(t) + 4)),
-        Mistake("It has to turn, too, before it can go.", lambda g, m, t: g / (m / 0.25 + 4)),
-        Mistake(
-            "The 4 steps of every new waypoint are missing: without them, what is here and small is worth most.",
-            lambda g, m, t: g / (m / 0.25 + abs(t) / np.radians(30)),
+            "The distance is in metres: divide it by 0.25 m to get steps.",
+            lambda g, d, r: g / (d + abs(r) / np.radians(30) + 4),
         ),
         Mistake(
-            "Steps are not square metres: divide the gain by them, instead of taking them away.",
-            lambda g, m, t: g - (m / 0.25 + abs(t) / np.radians(30) + 4),
+            "A rotation to the right is negative but costs as many steps as one to the left. Use abs.",
+            lambda g, d, r: g / (d / 0.25 + r / np.radians(30) + 4),
         ),
-        Mistake("That is steps for a square metre: the other way round.", lambda g, m, t: 1 / utility(g, m, t)),
+        Mistake(
+            "The rotation is in radians: divide it by np.radians(30) to get steps.",
+            lambda g, d, r: g / (d / 0.25 + abs(r) + 4),
+        ),
+        Mistake("The steps for the rotation are missing.", lambda g, d, r: g / (d / 0.25 + 4)),
+        Mistake(
+            "The 4 steps per waypoint are missing: without them, small gains nearby get the highest utility.",
+            lambda g, d, r: g / (d / 0.25 + abs(r) / np.radians(30)),
+        ),
+        Mistake(
+            "Divide the gain by the steps instead of subtracting them: the units differ.",
+            lambda g, d, r: g - (d / 0.25 + abs(r) / np.radians(30) + 4),
+        ),
+        Mistake("The fraction is inverted: this is steps per square metre.", lambda g, d, r: 1 / utility(g, d, r)),
     ),
 )
 
-CHANCES = Exercise(
+PROBABILITIES = Exercise(
     "03-chances",
-    "The chance of each block, like `scores`: softmax over the blocks that hold a place, 0 for the others.",
+    "Return the probability of each block: softmax of `scores` over the reachable blocks, 0 for the others.",
     (
-        Case("scores of 0, ln 2 and ln 5, all there", (np.log([1.0, 2.0, 5.0]), _ALL), np.array([0.125, 0.25, 0.625])),
         Case(
-            "scores of 0, ln 3 and 9, the last not there",
+            "scores of 0, ln 2 and ln 5, all reachable", (np.log([1.0, 2.0, 5.0]), _ALL), np.array([0.125, 0.25, 0.625])
+        ),
+        Case(
+            "scores of 0, ln 3 and 9, the last not reachable",
             (np.array([0.0, np.log(3), 9.0]), np.array([True, True, False])),
             np.array([0.25, 0.75, 0.0]),
         ),
@@ -136,27 +151,29 @@ CHANCES = Exercise(
             np.array([0.25, 0.75]),
         ),
     ),
-    chances,
+    probabilities,
     (
-        Mistake("A block where the robot cannot be must have no chance: use `there`.", lambda s, t: _softmax(s)),
+        Mistake("Unreachable blocks must have probability 0: use `reachable`.", lambda s, t: _softmax(s)),
         Mistake(
-            "A score of 0 is not a chance of 0: exp(0) is 1. Take away the weights, after exp.",
+            "A score of 0 is not a probability of 0, because exp(0) is 1. Set the weights to 0 after exp.",
             lambda s, t: _softmax(s * t),
         ),
         Mistake(
-            "The chances do not sum to 1: what the absent blocks would have had is lost. Divide at the end.",
+            "The probabilities do not sum to 1: normalise after setting the unreachable blocks to 0.",
             lambda s, t: _softmax(s) * t,
         ),
         Mistake(
-            "exp(1000) overflows. Take the highest score from all of them first: that changes no chance.",
+            "exp(1000) overflows. Subtract the highest score first; this changes no probability.",
             lambda s, t: np.exp(s) * t / np.sum(np.exp(s) * t),
         ),
         Mistake(
-            "Only the best has a chance here. A policy that learns has to try the others now and then.",
+            "This is argmax: only the best block gets a probability. Softmax also gives the others a probability.",
             lambda s, t: 1.0 * (np.where(t, s, -np.inf) == s[t].max()),
         ),
-        Mistake("Scores may be negative; their exponentials are what is shared.", lambda s, t: s * t / np.sum(s * t)),
+        Mistake(
+            "Scores may be negative: normalise their exponentials, not the scores.", lambda s, t: s * t / np.sum(s * t)
+        ),
     ),
 )
 
-EXERCISES = (FRONTIER, UTILITY, CHANCES)
+EXERCISES = (FRONTIER, UTILITY, PROBABILITIES)

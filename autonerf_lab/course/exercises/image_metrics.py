@@ -1,6 +1,6 @@
-"""Exercises of notebook 08: PSNR, the IoU of classes, accuracy over classes.
+"""Exercises of notebook 08: PSNR, IoU per class, per-class accuracy.
 
-The solutions are read by students: they say in a line or two what ``evaluators.rendering`` computes.
+Students read the solutions. They compute in a few lines what ``evaluators.rendering`` computes.
 """
 
 import numpy as np
@@ -9,17 +9,20 @@ from autonerf_lab.course.checker import Case, Exercise, Mistake
 
 
 def psnr(image: np.ndarray, target: np.ndarray) -> float:
-    return float(-10 * np.log10(np.mean((image - target) ** 2)))  # the peak is 1
+    """Return the peak signal-to-noise ratio of images in [0, 1], dB."""
+    return float(-10 * np.log10(np.mean((image - target) ** 2)))  # the peak value is 1
 
 
 def iou(confusion: np.ndarray) -> np.ndarray:
+    """Return the intersection over union of each class, (K,)."""
     hits = np.diag(confusion)
-    union = confusion.sum(axis=0) + confusion.sum(axis=1) - hits  # predicted or true; the hits are both
+    union = confusion.sum(axis=0) + confusion.sum(axis=1) - hits  # predicted or true; hits would count twice
     return hits / union
 
 
 def class_accuracy(confusion: np.ndarray) -> float:
-    target = confusion.sum(axis=1)  # pixels of each true class
+    """Return the mean accuracy over the classes that are present."""
+    target = confusion.sum(axis=1)  # number of pixels per true class
     present = target > 0
     return float(np.mean(np.diag(confusion)[present] / target[present]))
 
@@ -36,35 +39,35 @@ _FALSE_ALARM = np.array([[6, 0, 2], [0, 4, 4], [0, 0, 0]])
 
 PSNR = Exercise(
     "08-psnr",
-    "Peak signal-to-noise ratio of two images in [0, 1], dB.",
+    "Return the peak signal-to-noise ratio of two images with values in [0, 1], dB.",
     (
         Case("every value off by 0.1", (_GREY + 0.1, _GREY), 20.0),
         Case("every value off by 0.01", (_GREY - 0.01, _GREY), 40.0),
-        Case("half of the pixels right, half off by 0.2", (_STRIPES, _GREY), float(-10 * np.log10(0.02))),
+        Case("half of the pixels correct, half off by 0.2", (_STRIPES, _GREY), float(-10 * np.log10(0.02))),
     ),
     psnr,
     (
-        Mistake("A good image has many decibels: the sign is missing.", lambda a, b: 10 * np.log10(_mse(a, b))),
+        Mistake("The sign is wrong: a good image has a high PSNR.", lambda a, b: 10 * np.log10(_mse(a, b))),
         Mistake(
-            "20 log10 is for the root of the mean square. For the mean square itself it is 10 log10.",
+            "20 log10 applies to the root mean squared error. For the mean squared error use 10 log10.",
             lambda a, b: -20 * np.log10(_mse(a, b)),
         ),
-        Mistake("Decibels count in powers of ten: log10, not log.", lambda a, b: -10 * np.log(_mse(a, b))),
+        Mistake("Decibels use the decimal logarithm: log10, not log.", lambda a, b: -10 * np.log(_mse(a, b))),
         Mistake(
-            "These are absolute errors; the S in MSE is for squares. A few large errors should weigh more.",
+            "These are absolute errors. PSNR uses the mean of squared errors.",
             lambda a, b: -20 * np.log10(np.mean(np.abs(a - b))),
         ),
         Mistake(
-            "The peak is 1 here, and not 255: the values lie in [0, 1].",
+            "The peak is 1, not 255: the values are in [0, 1].",
             lambda a, b: 20 * np.log10(255) - 10 * np.log10(_mse(a, b)),
         ),
-        Mistake("This is the mean squared error. Now in decibels.", _mse),
+        Mistake("This is the mean squared error. Convert it to decibels.", _mse),
     ),
 )
 
 IOU = Exercise(
     "08-iou",
-    "Intersection over union of each class, (K,), from a confusion matrix: rows are true, columns predicted.",
+    "Return the intersection over union of each class, (K,), from a confusion matrix (rows true, columns predicted).",
     (
         Case("three classes of 90, 10 and 20 pixels", (_PAIR,), np.array([80 / 95, 5 / 20, 1.0])),
         Case("a class that is only predicted", (_FALSE_ALARM,), np.array([0.75, 0.5, 0.0])),
@@ -72,24 +75,24 @@ IOU = Exercise(
     iou,
     (
         Mistake(
-            "This is the accuracy of each true class. Pixels that are wrongly given to a class should hurt it, too.",
+            "This is the recall of each class. The union also includes pixels wrongly predicted as the class.",
             lambda c: np.diag(c) / c.sum(axis=1),
         ),
         Mistake(
-            "This is the precision of each prediction. Pixels of a class that were missed should hurt it, too.",
+            "This is the precision of each class. The union also includes the missed pixels of the class.",
             lambda c: np.diag(c) / c.sum(axis=0),
         ),
         Mistake(
-            "The hits are counted twice below the line: they are in the row and in the column.",
+            "The denominator counts the hits twice: they are in the row sum and in the column sum.",
             lambda c: np.diag(c) / (c.sum(axis=0) + c.sum(axis=1)),
         ),
         Mistake(
             "This is the Dice score, 2 hits / (true + predicted). IoU divides the hits by the union.",
             lambda c: 2 * np.diag(c) / (c.sum(axis=0) + c.sum(axis=1)),
         ),
-        Mistake("One value for each class, please; the mean comes later.", lambda c: np.mean(iou(c))),
+        Mistake("This is the mean. Return one value per class.", lambda c: np.mean(iou(c))),
         Mistake(
-            "Only the misses are below the line: the union has the hits, too.",
+            "The denominator contains only errors: the union also includes the hits.",
             lambda c: np.diag(c) / (c.sum(axis=0) + c.sum(axis=1) - 2 * np.diag(c)),
         ),
     ),
@@ -97,7 +100,7 @@ IOU = Exercise(
 
 CLASS_ACCURACY = Exercise(
     "08-class-accuracy",
-    "The accuracy of each class that is there, and of these the mean: one number in [0, 1].",
+    "Return the mean accuracy over the classes that are present, in [0, 1].",
     (
         Case("classes of 90, 10 and 20 pixels", (_PAIR,), (80 / 90 + 0.5 + 1) / 3),
         Case("classes of 90, 10 and 0 pixels", (_ABSENT,), 0.7),
@@ -106,22 +109,22 @@ CLASS_ACCURACY = Exercise(
     class_accuracy,
     (
         Mistake(
-            "This is the accuracy over pixels: a large wall decides it. Take each class for itself first.",
+            "This is the accuracy over pixels, which large classes dominate. Compute the accuracy of each class first.",
             lambda c: np.trace(c) / c.sum(),
         ),
         Mistake(
-            "A class without a pixel is neither right nor wrong: leave it out, instead of counting it as 0.",
+            "A class without true pixels counts as 0 here. Exclude it from the mean.",
             lambda c: np.mean(np.diag(c) / np.maximum(c.sum(axis=1), 1)),
         ),
         Mistake(
-            "0 / 0 is no number, and no mean survives it. Leave classes without a pixel out.",
+            "0 / 0 gives NaN, and so does the mean. Exclude classes without true pixels.",
             lambda c: np.mean(np.diag(c) / c.sum(axis=1)),
         ),
         Mistake(
-            "Rows are the true classes, columns the predicted ones: this is the mean precision.",
+            "This is the mean precision: rows are the true classes, columns the predicted ones.",
             lambda c: class_accuracy(c.T),
         ),
-        Mistake("This is the mean IoU, which is harder: false alarms count, too.", lambda c: np.nanmean(iou(c))),
+        Mistake("This is the mean IoU, which also counts false positives.", lambda c: np.nanmean(iou(c))),
     ),
 )
 

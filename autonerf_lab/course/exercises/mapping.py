@@ -1,4 +1,7 @@
-"""Exercises of notebook 02: from depth to cells, and the distance field."""
+"""Exercises of notebook 02: map cells, depth measurements and the distance field.
+
+Students read the solutions.
+"""
 
 from collections.abc import Sequence
 
@@ -13,21 +16,24 @@ _MAP = (_POSE, np.zeros(2), 0.5)
 
 
 def world_to_cell(x: float, y: float, origin: np.ndarray, cell: float) -> list[int]:
-    column = np.floor((x - origin[0]) / cell)  # floor, so that it goes on below zero
+    """Return [row, column] of the cell that contains world x, y."""
+    column = np.floor((x - origin[0]) / cell)  # floor, which is also correct below zero
     row = np.floor((y - origin[1]) / cell)
     return [int(row), int(column)]
 
 
 def marked(right: float, up: float, depth: float, pose: np.ndarray, origin: np.ndarray, cell: float) -> list[int]:
+    """Return [row, column, obstacle] of the cell that a pixel marks, or []."""
     if not 0.5 <= depth <= 5.0:
         return []
     x, y, z = pose[:3, 3] + depth * (pose[:3, :3] @ np.array([right, up, -1.0]))
-    obstacle = 0.25 <= z <= pose[2, 3] + 0.01
+    obstacle = 0.25 <= z <= pose[2, 3] + 0.01  # the height band of obstacles
     return [*world_to_cell(x, y, origin, cell), int(obstacle)]
 
 
 def eikonal_update(a: float, b: float) -> float:
-    if abs(a - b) >= 1:  # only one of the two is upwind
+    """Return the arrival time of a cell from its smaller neighbours, in cells."""
+    if abs(a - b) >= 1:  # only the smaller neighbour contributes
         return min(a, b) + 1
     return (a + b + np.sqrt(2 - (a - b) ** 2)) / 2
 
@@ -45,7 +51,7 @@ def _marked(
     ray: bool = False,
     from_camera: bool = False,
 ) -> list[int]:
-    """With something else than the map's rules."""
+    """Return the result of :func:`marked` with some rules of the map changed."""
     if not reach[0] <= depth <= reach[1]:
         return []
     direction = np.array([right, up, -1.0])
@@ -58,32 +64,32 @@ def _marked(
 
 WORLD_TO_CELL = Exercise(
     "02-world-to-cell",
-    "[row, column] of the cell that holds the world point x, y.",
+    "Return [row, column] of the cell that contains the world point x, y.",
     (
         Case("x = 0.2, y = 0.1, origin (-1, -2), cells of 0.5 m", (0.2, 0.1, _ORIGIN, 0.5), [4, 2]),
-        Case("x = 0.49, y = 0.9: nearly in the next column", (0.49, 0.9, _ORIGIN, 0.5), [5, 2]),
-        Case("x = -1.3, y = -1.9: to the left of the map", (-1.3, -1.9, _ORIGIN, 0.5), [0, -1]),
+        Case("x = 0.49, y = 0.9, close to the next column", (0.49, 0.9, _ORIGIN, 0.5), [5, 2]),
+        Case("x = -1.3, y = -1.9, left of the map", (-1.3, -1.9, _ORIGIN, 0.5), [0, -1]),
     ),
     world_to_cell,
     (
         Mistake(
-            "Arrays are indexed [row, column], which is [y, x].",
+            "Row and column are swapped: arrays are indexed [row, column], which is [y, x].",
             lambda x, y, origin, cell: world_to_cell(x, y, origin, cell)[::-1],
         ),
         Mistake(
-            "int() cuts towards zero, so that the cell left of column 0 becomes column 0 too: use floor.",
+            "int() rounds towards zero, so the cell left of column 0 also becomes column 0. Use floor.",
             lambda x, y, origin, cell: [int((y - origin[1]) / cell), int((x - origin[0]) / cell)],
         ),
         Mistake(
-            "A cell reaches from its number to the next: round() begins half a cell too early.",
+            "round() is off by half a cell: cell k covers the interval from k to k + 1. Use floor.",
             lambda x, y, origin, cell: [round((y - origin[1]) / cell), round((x - origin[0]) / cell)],
         ),
         Mistake(
-            "Cell [0, 0] does not lie in the world's origin: subtract where the map begins.",
+            "Cell [0, 0] is not at the origin of the world: subtract the origin of the map.",
             lambda x, y, origin, cell: [int(np.floor(y / cell)), int(np.floor(x / cell))],
         ),
         Mistake(
-            "Metres divided by metres a cell are cells.",
+            "Divide by the cell size, do not multiply: metres / (metres per cell) = cells.",
             lambda x, y, origin, cell: [int(np.floor((y - origin[1]) * cell)), int(np.floor((x - origin[0]) * cell))],
         ),
     ),
@@ -91,12 +97,12 @@ WORLD_TO_CELL = Exercise(
 
 MARKED = Exercise(
     "02-marked",
-    "[row, column, is it an obstacle] of the cell that a pixel marks, [] when it is no measurement.",
+    "Return [row, column, obstacle (0 or 1)] of the cell that a pixel marks, or [] if its depth is out of range.",
     (
         Case("a wall 2 m ahead, at the height of the camera", (0.0, 0.0, 2.0, *_MAP), [2, 6, 1]),
         Case("the floor 2 m ahead (up = -0.44)", (0.0, -0.44, 2.0, *_MAP), [2, 6, 0]),
         Case("a box 2 m ahead (up = -0.25)", (0.0, -0.25, 2.0, *_MAP), [2, 6, 1]),
-        Case("a lamp 2 m ahead (up = 0.3)", (0.0, 0.3, 2.0, *_MAP), [2, 6, 0]),
+        Case("a ceiling lamp 2 m ahead (up = 0.3)", (0.0, 0.3, 2.0, *_MAP), [2, 6, 0]),
         Case("a chair at a depth of 2.4 m, off to the right (right = 0.5)", (0.5, -0.1, 2.4, *_MAP), [0, 7, 1]),
         Case("a depth of 0.3 m", (0.0, 0.0, 0.3, *_MAP), []),
         Case("a depth of 6 m", (0.0, 0.0, 6.0, *_MAP), []),
@@ -104,29 +110,29 @@ MARKED = Exercise(
     marked,
     (
         Mistake(
-            "The sensor measures from 0.5 m to 5 m: anything else is no measurement.",
+            "The range of the sensor is 0.5 m to 5 m. Ignore other depths.",
             lambda *args: _marked(*args, reach=(0.0, np.inf)),
         ),
-        Mistake("Below 0.5 m the sensor measures nothing.", lambda *args: _marked(*args, reach=(0.0, 5.0))),
-        Mistake("Beyond 5 m the sensor measures nothing.", lambda *args: _marked(*args, reach=(0.5, np.inf))),
+        Mistake("Ignore depths below 0.5 m.", lambda *args: _marked(*args, reach=(0.0, 5.0))),
+        Mistake("Ignore depths above 5 m.", lambda *args: _marked(*args, reach=(0.5, np.inf))),
         Mistake(
-            "The robot passes under a lamp: above the camera there are no obstacles.",
+            "The robot passes below a ceiling lamp: points above the camera are not obstacles.",
             lambda *args: _marked(*args, band=(0.25, np.inf)),
         ),
         Mistake(
-            "The floor is no obstacle: the band begins 25 cm above it.",
+            "The floor is not an obstacle: the height band starts 25 cm above it.",
             lambda *args: _marked(*args, band=(-0.01, 0.89)),
         ),
         Mistake(
-            "Heights count from the floor, and the camera is 0.88 m above it.",
+            "Heights are measured from the floor, not from the camera, which is at 0.88 m.",
             lambda *args: _marked(*args, from_camera=True),
         ),
         Mistake(
-            "Depth is measured along the optical axis: do not give the ray length 1.",
+            "Depth is measured along the optical axis: do not normalise the ray.",
             lambda *args: _marked(*args, ray=True),
         ),
         Mistake(
-            "[row, column] is [y, x].",
+            "Row and column are swapped: [row, column] is [y, x].",
             lambda *args: [*marked(*args)[1::-1], *marked(*args)[2:]],
         ),
     ),
@@ -134,38 +140,38 @@ MARKED = Exercise(
 
 EIKONAL_UPDATE = Exercise(
     "02-eikonal-update",
-    "The distance of a cell, in cells, from the smaller neighbour on each axis: a across the rows, b along the row.",
+    "Return the distance of a cell, in cells, from the smaller neighbours: a above or below, b left or right.",
     (
-        Case("a = 0, b = inf: only one neighbour is known", (0.0, np.inf), 1.0),
+        Case("a = 0, b = inf, only one neighbour known", (0.0, np.inf), 1.0),
         Case("a = b = 1", (1.0, 1.0), 1 + np.sqrt(2) / 2),
         Case("a = 2, b = 2.6", (2.0, 2.6), 2.9403124),
-        Case("a = 3, b = 1: the wave has passed b long before a", (3.0, 1.0), 2.0),
+        Case("a = 3, b = 1, more than one cell apart", (3.0, 1.0), 2.0),
         Case("a = inf, b = 5", (np.inf, 5.0), 6.0),
     ),
     eikonal_update,
     (
         Mistake(
-            "This is Dijkstra's update: it walks along one axis only. Solve (T - a)^2 + (T - b)^2 = 1.",
+            "This is Dijkstra's update, which moves along one axis only. Solve (T - a)^2 + (T - b)^2 = 1.",
             lambda a, b: min(a, b) + 1,
         ),
         Mistake(
-            "The quadratic equation has no solution when a and b are more than a cell apart. Which one counts then?",
+            "If |a - b| >= 1, the quadratic equation has no valid solution. Use only the smaller neighbour then.",
             lambda a, b: (a + b + np.sqrt(2 - (a - b) ** 2)) / 2,
         ),
         Mistake(
-            "When a and b are more than a cell apart, the cell is reached from the nearer one alone.",
+            "If |a - b| >= 1, do not clip the root: the cell is reached from the smaller neighbour alone.",
             lambda a, b: (a + b + np.sqrt(max(0.0, 2 - (a - b) ** 2))) / 2,
         ),
         Mistake(
-            "A wave moves on: of the two roots the larger one is meant.",
+            "Take the larger of the two roots: T must not be smaller than its neighbours.",
             lambda a, b: min(a, b) + 1 if abs(a - b) >= 1 else (a + b - np.sqrt(2 - (a - b) ** 2)) / 2,
         ),
         Mistake(
-            "The cell is reached from the nearer neighbour: min, not max.",
+            "The cell is reached from the smaller neighbour: min, not max.",
             lambda a, b: max(a, b) + 1 if abs(a - b) >= 1 else eikonal_update(a, b),
         ),
         Mistake(
-            "Half of it: the formula for the roots of a quadratic equation ends with a division by two.",
+            "The division by two of the quadratic formula is missing.",
             lambda a, b: min(a, b) + 1 if abs(a - b) >= 1 else a + b + np.sqrt(2 - (a - b) ** 2),
         ),
     ),

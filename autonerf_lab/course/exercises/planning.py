@@ -1,6 +1,6 @@
 """Exercises of notebook 09: opacity, precision and recall with a tolerance, SPL.
 
-The solutions are read by students: they say in a few lines what ``evaluators.maps`` and ``.planning`` compute.
+Students read the solutions. They compute in a few lines what ``evaluators.maps`` and ``evaluators.planning`` compute.
 """
 
 import numpy as np
@@ -9,28 +9,31 @@ from autonerf_lab.course.checker import Case, Exercise, Mistake
 
 
 def alpha(sigma: float, length: float) -> float:
+    """Return the opacity of a medium from density (1/m) and length (m)."""
     return float(1 - np.exp(-sigma * length))
 
 
-def _shares(predicted: np.ndarray, true: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Percent of the predicted cells with a true one nearby, and of the true cells with a predicted one."""
+def _percentages(predicted: np.ndarray, true: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Return precision and recall, %, from (P, N) flags: predicted cell p is close to true cell n."""
     return 100 * np.array([near.any(axis=1).mean(), near.any(axis=0).mean()])
 
 
 def _distances(predicted: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """(P, N) cells from each predicted to each true cell."""
+    """Return the distances, (P, N), in cells, from each predicted to each true cell."""
     return np.linalg.norm(np.argwhere(predicted)[:, None] - np.argwhere(true)[None], axis=2)
 
 
 def tolerant(predicted: np.ndarray, true: np.ndarray, cell: float, tolerance: float) -> np.ndarray:
-    here, there = np.argwhere(predicted), np.argwhere(true)
-    distance = cell * np.linalg.norm(here[:, None] - there[None], axis=2)  # metres, from each to each
+    """Return precision and recall of occupied cells within a tolerance, %, (2,)."""
+    predicted_cells, true_cells = np.argwhere(predicted), np.argwhere(true)
+    distance = cell * np.linalg.norm(predicted_cells[:, None] - true_cells[None], axis=2)  # metres, all pairs
     near = distance <= tolerance + 1e-9
     precision, recall = near.any(axis=1).mean(), near.any(axis=0).mean()
     return np.array([100 * precision, 100 * recall])
 
 
 def spl(success: np.ndarray, length: np.ndarray, shortest: np.ndarray) -> float:
+    """Return the success weighted by path length, %."""
     return float(100 * np.mean(success * shortest / np.maximum(length, shortest)))
 
 
@@ -39,79 +42,87 @@ def _map(*rows: str) -> np.ndarray:
 
 
 _WALL = _map(".....", "#####", ".....", ".....", ".....")
-_LOWER = _map(".....", ".....", "####.", ".....", "..#..")  # the same wall, a cell too far, with a gap and a ghost
+# the wall shifted by one cell, with a gap and a false positive
+_LOWER = _map(".....", ".....", "####.", ".....", "..#..")
 _DIAGONAL = _map("#....", ".....", "..#..", ".....", "....#")
 _BESIDE = _map(".....", ".#...", ".....", "..#..", ".....")
-_WON, _WALKED, _BEST = np.array([1, 1, 0, 1]), np.array([4.0, 5.0, 3.0, 1.9]), np.array([4.0, 4.0, 3.0, 2.0])
+_SUCCESS, _LENGTH, _SHORTEST = np.array([1, 1, 0, 1]), np.array([4.0, 5.0, 3.0, 1.9]), np.array([4.0, 4.0, 3.0, 2.0])
 
 ALPHA = Exercise(
     "09-alpha",
-    "The share of light that is stopped on the way through a medium: density per metre, length in metres.",
+    "Return the opacity of a medium, 0 to 1: density per metre, length in metres.",
     (
         Case("a density of 10 / m over 10 cm", (10.0, 0.1), float(1 - np.exp(-1))),
         Case("air", (0.0, 0.1), 0.0),
-        Case("a density that lets half through on 10 cm, over 20 cm", (10 * float(np.log(2)), 0.2), 0.75),
+        Case("a density at which half of the light passes 10 cm, over 20 cm", (10 * float(np.log(2)), 0.2), 0.75),
     ),
     alpha,
     (
         Mistake(
-            "20 cm do not stop twice as much as 10 cm: there is less light left to stop. That is an exponential.",
+            "The product can exceed 1, but opacity cannot. The light decays exponentially with density * length.",
             lambda s, d: s * d,
         ),
-        Mistake("This is what gets through. Opacity is the rest.", lambda s, d: np.exp(-s * d)),
-        Mistake("Over which length? Density is per metre.", lambda s, d: 1 - np.exp(-s)),
-        Mistake("A longer way stops more: multiply by the length.", lambda s, d: 1 - np.exp(-s / d)),
-        Mistake("The sign of the exponent: opacity lies between 0 and 1.", lambda s, d: 1 - np.exp(s * d)),
+        Mistake("This is the fraction that passes. Opacity is 1 minus this fraction.", lambda s, d: np.exp(-s * d)),
+        Mistake("The length is missing: density is per metre.", lambda s, d: 1 - np.exp(-s)),
+        Mistake("Multiply by the length, do not divide: a longer path absorbs more.", lambda s, d: 1 - np.exp(-s / d)),
+        Mistake(
+            "The minus sign of the exponent is missing: opacity is between 0 and 1.", lambda s, d: 1 - np.exp(s * d)
+        ),
     ),
 )
 
 TOLERANT = Exercise(
     "09-tolerant",
-    "Precision and recall of occupied cells in percent, (2,); a cell is right with one of the others within tolerance.",
+    "Return precision and recall of occupied cells, %, (2,); cells match within the tolerance (m).",
     (
         Case("a wall that is 5 cm off, 5 cells of 5 cm", (_LOWER, _WALL, 0.05, 0.05), np.array([80.0, 80.0])),
-        Case("the same, where nothing is forgiven", (_LOWER, _WALL, 0.05, 0.0), np.array([0.0, 0.0])),
+        Case("the same, with a tolerance of 0", (_LOWER, _WALL, 0.05, 0.0), np.array([0.0, 0.0])),
         Case(
-            "two cells, one beside a true one and one diagonal to two",
+            "two cells, one adjacent to a true one and one diagonal to two",
             (_BESIDE, _DIAGONAL, 0.05, 0.05),
             np.array([50.0, 100 / 3]),
         ),
         Case("the same, with a tolerance of 8 cm", (_BESIDE, _DIAGONAL, 0.05, 0.08), np.array([100.0, 200 / 3])),
-        Case("the wall again, a cell of 2 m too far", (_LOWER, _WALL, 2.0, 1.0), np.array([0.0, 0.0])),
+        Case(
+            "the wall again, with cells of 2 m and a tolerance of 1 m", (_LOWER, _WALL, 2.0, 1.0), np.array([0.0, 0.0])
+        ),
     ),
     tolerant,
     (
         Mistake(
-            "Only cells that agree exactly count. A wall that is one cell off is nearly right: use the distance.",
+            "Only identical cells count. Use the distance, so that a wall one cell off can match.",
             lambda p, t, cell, tolerance: 100 * np.array([(p & t).sum() / p.sum(), (p & t).sum() / t.sum()]),
         ),
         Mistake(
-            "The two have changed places: precision is a share of the predicted cells, recall of the true ones.",
+            "Precision and recall are swapped: precision is a fraction of the predicted cells.",
             lambda p, t, cell, tolerance: tolerant(p, t, cell, tolerance)[::-1],
         ),
         Mistake(
-            "A diagonal neighbour is farther than one beside: take the distance, and not the larger of two.",
-            lambda p, t, cell, tolerance: _shares(
+            "Use the Euclidean distance, not the maximum over the axes: a diagonal neighbour is farther away.",
+            lambda p, t, cell, tolerance: _percentages(
                 p,
                 t,
                 cell * np.abs(np.argwhere(p)[:, None] - np.argwhere(t)[None]).max(axis=2) <= tolerance + 1e-9,
             ),
         ),
         Mistake(
-            "The distance is in cells, the tolerance in metres.",
-            lambda p, t, cell, tolerance: _shares(p, t, _distances(p, t) <= tolerance + 1e-9),
+            "The distance is in cells but the tolerance in metres: multiply by the cell size.",
+            lambda p, t, cell, tolerance: _percentages(p, t, _distances(p, t) <= tolerance + 1e-9),
         ),
-        Mistake("In percent, please.", lambda p, t, cell, tolerance: tolerant(p, t, cell, tolerance) / 100),
+        Mistake(
+            "The result is a fraction. Return percent.",
+            lambda p, t, cell, tolerance: tolerant(p, t, cell, tolerance) / 100,
+        ),
     ),
 )
 
 SPL = Exercise(
     "09-spl",
-    "Success weighted by path length of several episodes, percent.",
+    "Return the success weighted by path length (SPL) of several episodes, %.",
     (
         Case(
-            "four episodes: on the shortest way, 5 m instead of 4 m, a failure, and a path that cuts a corner",
-            (_WON, _WALKED, _BEST),
+            "four episodes: the shortest path, 5 m instead of 4 m, a failure, and a path shorter than the shortest",
+            (_SUCCESS, _LENGTH, _SHORTEST),
             100 * (1 + 0.8 + 0 + 1) / 4,
         ),
         Case("no path at all", (np.array([0.0, 1.0]), np.array([np.inf, 3.0]), np.array([2.0, 3.0])), 50.0),
@@ -119,21 +130,24 @@ SPL = Exercise(
     spl,
     (
         Mistake(
-            "A failure counts 0, and not nothing: divide by all episodes.",
+            "Divide by the number of all episodes: a failure counts as 0.",
             lambda s, p, b: 100 * np.sum(s * b / np.maximum(p, b)) / np.sum(s),
         ),
         Mistake(
-            "Failures have been rewarded for their short ways.", lambda s, p, b: 100 * np.mean(b / np.maximum(p, b))
+            "Failures must count as 0: multiply by the success.", lambda s, p, b: 100 * np.mean(b / np.maximum(p, b))
         ),
         Mistake(
-            "A path can be shorter than the shortest true one, where it cuts a corner; nobody gets more than 1 for it.",
+            "A path may be slightly shorter than the shortest one, if it cuts a corner. Limit the ratio to 1.",
             lambda s, p, b: 100 * np.mean(s * b / p),
         ),
-        Mistake("This is the success rate. How long was the way?", lambda s, p, b: 100 * np.mean(s)),
         Mistake(
-            "The fraction is upside down: a detour must cost.", lambda s, p, b: 100 * np.mean(s * np.maximum(p, b) / b)
+            "This is the success rate. Weight each success by shortest / length.", lambda s, p, b: 100 * np.mean(s)
         ),
-        Mistake("In percent, please.", lambda s, p, b: spl(s, p, b) / 100),
+        Mistake(
+            "The fraction is inverted: a detour must lower the score.",
+            lambda s, p, b: 100 * np.mean(s * np.maximum(p, b) / b),
+        ),
+        Mistake("The result is a fraction. Return percent.", lambda s, p, b: spl(s, p, b) / 100),
     ),
 )
 

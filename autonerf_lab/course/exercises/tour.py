@@ -1,78 +1,79 @@
-"""Exercises of notebook 00: what a bin stops, and what a ray collects.
+"""Exercises of notebook 00: opacity of a bin and colour of a ray.
 
-The solutions are read by students: they say for one ray what ``nerf.rendering`` does for a bundle of them.
+Students read the solutions. They compute for one ray what ``nerf.rendering`` computes for a batch.
 """
 
 import numpy as np
 
 from autonerf_lab.course.checker import Case, Exercise, Mistake
 
-_HALF = np.log(2.0)  # an optical depth that lets half of the light pass
+_HALF = np.log(2.0)  # optical depth at which half of the light passes
 
 
 def opacity(sigma: float, delta: float) -> float:
-    return float(1 - np.exp(-sigma * delta))  # exp(-sigma * delta) is what passes
+    """Return the opacity of a bin from its density (1/m) and width (m)."""
+    return float(1 - np.exp(-sigma * delta))  # exp(-sigma * delta) is the fraction that passes
 
 
 def colour(alphas: np.ndarray, colors: np.ndarray) -> np.ndarray:
-    light, total = 1.0, np.zeros(3)
+    """Return the colour of a ray, (3,), from opacities (S,) and colours (S, 3) of its bins."""
+    transmittance, total = 1.0, np.zeros(3)
     for alpha, color in zip(alphas, colors, strict=True):
-        total += light * alpha * color  # of the light that arrives, the share that is stopped
-        light *= 1 - alpha
+        total += transmittance * alpha * color  # weight of the bin times its colour
+        transmittance *= 1 - alpha
     return total
 
 
-def _summed(weights: np.ndarray, colors: np.ndarray) -> np.ndarray:
+def _weighted_sum(weights: np.ndarray, colors: np.ndarray) -> np.ndarray:
     return np.asarray(weights @ colors)
 
 
-def _arriving(alphas: np.ndarray) -> np.ndarray:
+def _transmittance(alphas: np.ndarray) -> np.ndarray:
     return np.cumprod(np.concatenate([[1.0], 1 - alphas[:-1]]))
 
 
-def _unit(values: np.ndarray) -> np.ndarray:
+def _normalised(values: np.ndarray) -> np.ndarray:
     return values / values.sum()
 
 
 OPACITY = Exercise(
     "00-opacity",
-    "The share of light, 0 to 1, that a bin of width delta (metres) with density sigma (per metre) stops.",
+    "Return the opacity, 0 to 1, of a bin with density sigma (per metre) and width delta (metres).",
     (
-        Case("half a metre of air", (0.0, 0.5), 0.0),
-        Case("2 m of what lets half of the light pass each metre", (_HALF, 2.0), 0.75),
-        Case("half a metre of what lets half of it pass there", (2 * _HALF, 0.5), 0.5),
-        Case("5 cm of a wall that lets a sixteenth pass there", (80 * _HALF, 0.05), 0.9375),
+        Case("half a metre of air (density 0)", (0.0, 0.5), 0.0),
+        Case("2 m of a medium in which half of the light passes each metre", (_HALF, 2.0), 0.75),
+        Case("half a metre of a medium in which half of the light passes that distance", (2 * _HALF, 0.5), 0.5),
+        Case("5 cm of a wall through which one sixteenth of the light passes", (80 * _HALF, 0.05), 0.9375),
     ),
     opacity,
     (
-        Mistake("This is the share that passes. What is stopped is the rest of 1.", lambda s, d: np.exp(-s * d)),
+        Mistake("This is the fraction that passes. Opacity is 1 minus this fraction.", lambda s, d: np.exp(-s * d)),
         Mistake(
-            "A product grows without end, and a share is never above 1. Where less light is left, less is stopped: "
-            "that is the exponential.",
+            "The product can exceed 1, but opacity cannot. The light decays exponentially with sigma * delta.",
             lambda s, d: s * d,
         ),
-        Mistake("The width is missing: a bin of twice the width stops more.", lambda s, d: 1 - np.exp(-s)),
-        Mistake("Density is per metre: multiply it by the width.", lambda s, d: 1 - np.exp(-s / d)),
-        Mistake("The exponent lost its minus sign.", lambda s, d: 1 - np.exp(s * d)),
+        Mistake("The width is missing: a wider bin absorbs more light.", lambda s, d: 1 - np.exp(-s)),
+        Mistake("Density is per metre: multiply it by the width, do not divide.", lambda s, d: 1 - np.exp(-s / d)),
+        Mistake("The minus sign of the exponent is missing.", lambda s, d: 1 - np.exp(s * d)),
     ),
 )
 
 COLOUR = Exercise(
     "00-colour",
-    "The colour of a ray, (3,), from the shares that its bins stop, (S,), and their colours, (S, 3), nearest first.",
+    "Return the colour of a ray, (3,), from the opacities, (S,), and colours, (S, 3), of its bins, nearest first.",
     (
         Case(
-            "red that stops half, before a green wall",
+            "a red bin of opacity 0.5 in front of an opaque green one",
             (np.array([0.5, 1.0]), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])),
             np.array([0.5, 0.5, 0.0]),
         ),
         Case(
-            "red, green and blue that stop half each",
+            "red, green and blue bins of opacity 0.5",
             (np.full(3, 0.5), np.eye(3)),
             np.array([0.5, 0.25, 0.125]),
         ),
         Case(
-            "air, and then a thin veil",
+            "an empty bin, then one of opacity 0.25",
             (np.array([0.0, 0.25]), np.array([[1.0, 1.0, 1.0], [0.4, 0.8, 0.0]])),
             np.array([0.1, 0.2, 0.0]),
         ),
@@ -80,21 +81,24 @@ COLOUR = Exercise(
     colour,
     (
         Mistake(
-            "Light of the second bin has to pass the first one: multiply by what the bins before let pass.", _summed
+            "Light from the second bin must pass the first one: multiply by the transmittance of the bins in front.",
+            _weighted_sum,
         ),
         Mistake(
-            "A bin stands in front of those behind it, and not of itself: the product is over j < i.",
-            lambda a, c: _summed(_arriving(a) * a * (1 - a), c),
+            "A bin does not attenuate its own colour: the product is over j < i, not j <= i.",
+            lambda a, c: _weighted_sum(_transmittance(a) * a * (1 - a), c),
         ),
         Mistake(
-            "The weights sum to 1 now. They should not: what no bin stops is missing: a veil before nothing is dark.",
-            lambda a, c: _summed(_unit(_arriving(a) * a), c),
+            "These weights sum to 1. They should not: light that no bin absorbs contributes nothing.",
+            lambda a, c: _weighted_sum(_normalised(_transmittance(a) * a), c),
         ),
         Mistake(
-            "This is the light that arrives in each bin. Which share of it is stopped there?",
-            lambda a, c: _summed(_arriving(a), c),
+            "This is the transmittance of each bin. Multiply it by the opacity of the bin.",
+            lambda a, c: _weighted_sum(_transmittance(a), c),
         ),
-        Mistake("The camera is at the other end: the first bin is the nearest.", lambda a, c: colour(a[::-1], c[::-1])),
+        Mistake(
+            "The order is reversed: the first bin is the nearest to the camera.", lambda a, c: colour(a[::-1], c[::-1])
+        ),
     ),
 )
 

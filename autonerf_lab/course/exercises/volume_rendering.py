@@ -1,79 +1,82 @@
-"""Exercises of notebook 06: weights along a ray, positional encoding, finer samples.
+"""Exercises of notebook 06: weights along a ray, positional encoding, importance sampling.
 
-The solutions are read by students: they say for one ray what ``nerf.rendering`` does for a bundle of them.
+Students read the solutions. They compute for one ray what ``nerf.rendering`` computes for a batch.
 """
 
 import numpy as np
 
 from autonerf_lab.course.checker import Case, Exercise, Mistake
 
-_HALF = np.log(2.0)  # an optical depth that lets half of the light pass
+_HALF = np.log(2.0)  # optical depth at which half of the light passes
 
 
 def weights(sigma: np.ndarray, delta: np.ndarray) -> np.ndarray:
+    """Return the rendering weights (S,) from densities (1/m) and bin widths (m)."""
     optical = sigma * delta
-    in_front = np.cumsum(optical) - optical  # what the light has to pass before it is in this bin
+    in_front = np.cumsum(optical) - optical  # optical depth of the bins in front
     return np.exp(-in_front) * (1 - np.exp(-optical))
 
 
 def frequencies(x: float, octaves: int) -> np.ndarray:
+    """Return the positional encoding of a number, (1 + 2 octaves,)."""
     angles = np.pi * 2.0 ** np.arange(octaves) * x
     return np.concatenate([[x], np.sin(angles), np.cos(angles)])
 
 
 def finer(edges: np.ndarray, weights: np.ndarray, u: np.ndarray) -> np.ndarray:
-    passed = np.concatenate([[0.0], np.cumsum(weights) / np.sum(weights)])  # at each edge, from 0 to 1
-    return np.interp(u, passed, edges)
+    """Return the distances (K,) at the fractions u of the cumulative weight."""
+    cdf = np.concatenate([[0.0], np.cumsum(weights) / np.sum(weights)])  # at each edge, from 0 to 1
+    return np.interp(u, cdf, edges)
 
 
 def _alpha(sigma: np.ndarray, delta: np.ndarray) -> np.ndarray:
     return 1 - np.exp(-sigma * delta)
 
 
-def _unit(values: np.ndarray) -> np.ndarray:
+def _normalised(values: np.ndarray) -> np.ndarray:
     return values / values.sum()
 
 
 WEIGHTS = Exercise(
     "06-weights",
-    "The share of a ray's light that each bin sends to the camera, (S,), from densities and bin widths.",
+    "Return the rendering weights of the bins of a ray, (S,), from densities and bin widths.",
     (
         Case(
-            "three bins of 1 m that pass half of the light each",
+            "three bins of 1 m, each of which passes half of the light",
             (np.full(3, _HALF), np.ones(3)),
             np.array([0.5, 0.25, 0.125]),
         ),
         Case(
-            "1 m of air, 0.5 m of fog that passes half, 0.25 m of fog that passes a quarter",
+            "1 m of air, 0.5 m of fog that passes 1/2, 0.25 m of fog that passes 1/4",
             (np.array([0.0, 2 * _HALF, 8 * _HALF]), np.array([1.0, 0.5, 0.25])),
             np.array([0.0, 0.5, 0.375]),
         ),
-        Case("a wall before a wall", (np.array([1e4, 1e4]), np.array([0.1, 0.1])), np.array([1.0, 0.0])),
+        Case("a wall in front of another wall", (np.array([1e4, 1e4]), np.array([0.1, 0.1])), np.array([1.0, 0.0])),
     ),
     weights,
     (
         Mistake(
-            "This is alpha. Light from the second bin has to pass the first one too: multiply by the transmittance.",
+            "This is alpha. Light from the second bin must pass the first one: multiply by the transmittance.",
             _alpha,
         ),
         Mistake(
-            "The transmittance of a bin counts the bins before it, and not the bin itself.",
+            "The transmittance of a bin includes the bins in front of it, but not the bin itself.",
             lambda s, d: np.exp(-np.cumsum(s * d)) * _alpha(s, d),
         ),
         Mistake(
-            "The widths are missing: density is per metre, and a bin of half the width stops less.",
+            "The widths are missing: density is per metre, so a narrower bin absorbs less.",
             lambda s, d: weights(s, np.ones_like(d)),
         ),
         Mistake(
-            "They sum to 1 now. They should not: what is missing to 1 is light that passes all bins.",
-            lambda s, d: _unit(weights(s, d)),
+            "These weights sum to 1. They should not: the difference to 1 is the light that passes all bins.",
+            lambda s, d: _normalised(weights(s, d)),
         ),
         Mistake(
-            "This is the transmittance, the light that arrives in a bin. Which share of it is stopped there?",
+            "This is the transmittance. Multiply it by alpha, the fraction that the bin absorbs.",
             lambda s, d: np.exp(-(np.cumsum(s * d) - s * d)),
         ),
         Mistake(
-            "The camera is at the other end: the first bin is the nearest.",
+            "The order is reversed: the first bin is the nearest to the camera.",
             lambda s, d: weights(s[::-1], d[::-1])[::-1],
         ),
     ),
@@ -81,7 +84,7 @@ WEIGHTS = Exercise(
 
 FREQUENCIES = Exercise(
     "06-frequencies",
-    "x itself, then its L sines, then its L cosines, (1 + 2 L,).",
+    "Return x itself, then L sines, then L cosines, (1 + 2 L,).",
     (
         Case("x = 0.5 and 2 octaves", (0.5, 2), np.array([0.5, 1, 0, 0, -1])),
         Case(
@@ -94,26 +97,26 @@ FREQUENCIES = Exercise(
     frequencies,
     (
         Mistake(
-            "The first octave is pi x, with 2 to the power of 0: count from zero.",
+            "The first frequency is pi, with exponent 0: count octaves from zero.",
             lambda x, n: np.r_[
                 x, np.sin(np.pi * 2.0 ** np.arange(1, n + 1) * x), np.cos(np.pi * 2.0 ** np.arange(1, n + 1) * x)
             ],
         ),
         Mistake(
-            "An octave doubles the frequency: 1, 2, 4, 8, and not 1, 2, 3, 4.",
+            "Each octave doubles the frequency: 1, 2, 4, 8, not 1, 2, 3, 4.",
             lambda x, n: np.r_[x, np.sin(np.pi * np.arange(1, n + 1) * x), np.cos(np.pi * np.arange(1, n + 1) * x)],
         ),
         Mistake(
-            "Pi is missing: x in [-1, 1] should be one period of the slowest sine.",
+            "The factor pi is missing: [-1, 1] must be one period of the lowest frequency.",
             lambda x, n: np.r_[x, np.sin(2.0 ** np.arange(n) * x), np.cos(2.0 ** np.arange(n) * x)],
         ),
-        Mistake("x itself comes first; the network gets it too.", lambda x, n: frequencies(x, n)[1:]),
+        Mistake("x itself is missing: it comes first.", lambda x, n: frequencies(x, n)[1:]),
         Mistake(
-            "The sines come first, and then the cosines.",
+            "The order is wrong: sines first, then cosines.",
             lambda x, n: np.r_[x, frequencies(x, n)[1 + n :], frequencies(x, n)[1 : 1 + n]],
         ),
         Mistake(
-            "Sines and cosines alternate here. A network would not mind, but the checker wants all sines first.",
+            "Sines and cosines alternate. A network would work as well, but here all sines come first.",
             lambda x, n: np.r_[x, frequencies(x, n)[1:].reshape(2, n).T.ravel()],
         ),
     ),
@@ -121,7 +124,7 @@ FREQUENCIES = Exercise(
 
 FINER = Exercise(
     "06-finer",
-    "Distances, (K,), at which the shares u of a ray's weight lie in front; linear inside a bin.",
+    "Return the distances, (K,), at which the cumulative weight reaches the fractions u; linear within a bin.",
     (
         Case(
             "edges 0, 1, 2, 4 and weights 0.2, 0.2, 0.4",
@@ -137,23 +140,23 @@ FINER = Exercise(
     finer,
     (
         Mistake(
-            "The weights of a ray need not sum to 1. Divide by their sum, or the last shares are never reached.",
+            "The weights of a ray need not sum to 1. Divide by their sum, otherwise large u are never reached.",
             lambda e, w, u: np.interp(u, np.r_[0, np.cumsum(w)], e),
         ),
         Mistake(
-            "At the first edge nothing has passed: there is one edge more than there are bins, and its sum is 0.",
-            lambda e, w, u: np.interp(u, np.cumsum(_unit(w)), e[1:]),
+            "The cumulative weight at the first edge is 0: there is one more edge than bins.",
+            lambda e, w, u: np.interp(u, np.cumsum(_normalised(w)), e[1:]),
         ),
         Mistake(
-            "They are spread evenly: where the weight is makes no difference.",
+            "These samples are uniform: they ignore the weights.",
             lambda e, w, u: e[0] + u * (e[-1] - e[0]),
         ),
         Mistake(
-            "Every sample sits on an edge. Inside a bin, go on in proportion to what is missing.",
-            lambda e, w, u: e[np.searchsorted(np.cumsum(_unit(w)), u)],
+            "Every sample is on an edge. Interpolate linearly within the bin.",
+            lambda e, w, u: e[np.searchsorted(np.cumsum(_normalised(w)), u)],
         ),
         Mistake(
-            "Weights are summed up, not densities: do not multiply them by the widths of their bins.",
+            "Weights are not densities: do not multiply them by the bin widths.",
             lambda e, w, u: finer(e, w * np.diff(e), u),
         ),
     ),

@@ -1,1 +1,1 @@
-"""Interactive widgets of the notebooks."""
+"""Interactive figures of the notebooks."""

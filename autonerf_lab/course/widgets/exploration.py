@@ -1,4 +1,4 @@
-"""Things to play with: drive the robot, plan a route on its map, mix a reward."""
+"""Widgets for exploration: drive the robot, plan a path on its map, mix rewards."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from autonerf_lab.course.widgets.live import Live, plain
-from autonerf_lab.course.widgets.start_goal import Ends
+from autonerf_lab.course.widgets.live import LiveFigure, escape_dollars
+from autonerf_lab.course.widgets.start_goal import StartGoal
 from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.errors import RewardError
 from autonerf_lab.geometry import AGENT_RADIUS, world_to_cell
@@ -21,22 +21,22 @@ from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, SKY
 
 _COLORS = (BLUE, ORANGE, GREEN, "#CC79A7", SKY, "#999999", "#E69F00")
 _BUTTONS = {"turn left": Action.TURN_LEFT, "forward": Action.FORWARD, "turn right": Action.TURN_RIGHT}
-_ICONS = {"turn left": "arrow-left", "forward": "arrow-up", "turn right": "arrow-right", "start again": "undo"}
+_ICONS = {"turn left": "arrow-left", "forward": "arrow-up", "turn right": "arrow-right", "restart": "undo"}
 
 
-class Drive(Live):
-    """Drive the robot with three arrow buttons, and see what a reward pays for it.
+class Drive(LiveFigure):
+    """Manual control of the robot with three arrow buttons, with its map and the reward of each step.
 
     Args:
-        scene: a name or a scene.
-        reward: a name, a weighted sum, or a reward of one's own. One that fails ends the drive, and says why.
-        seed: of the start.
-        options: of ``AutoNeRF/Explore-v0``: size, supersample, noise, ...
+        scene: a scene or its name.
+        reward: a name, a weighted sum, or a reward object. If it fails, the episode ends and the error is shown.
+        seed: random seed of the start pose.
+        options: further options of ``AutoNeRF/Explore-v0``: size, supersample, noise, ...
 
     Example:
         >>> drive = Drive("dev-0", "cov", size=16)
         >>> drive.buttons["forward"].click()
-        >>> len(drive.paid), drive.paid[0] >= 0
+        >>> len(drive.rewards), drive.rewards[0] >= 0
         (1, True)
     """
 
@@ -47,64 +47,64 @@ class Drive(Live):
         self.buttons = {name: self.widgets.Button(description=name, icon=icon) for name, icon in _ICONS.items()}
         for name, action in _BUTTONS.items():
             self.buttons[name].on_click(partial(self._press, action))
-        self.buttons["start again"].on_click(self.start)
+        self.buttons["restart"].on_click(self.start)
         self.start()
 
     def start(self, button: object = None) -> None:
-        """Go back to the start."""
-        seen, _ = self._env.reset(seed=self._seed)
-        self._rgb, self._over, self._error = seen["rgb"], False, ""
-        self.paid: list[float] = []  # the reward of each step
-        self._way = [seen["pose"][:2, 3]]
+        """Restart the episode from its start pose."""
+        observation, _ = self._env.reset(seed=self._seed)
+        self._rgb, self._over, self._error = observation["rgb"], False, ""
+        self.rewards: list[float] = []  # the reward of each step
+        self._path = [observation["pose"][:2, 3]]
         self.refresh()
 
     def act(self, *actions: int) -> None:
-        """Actions, one after the other, and then a new picture."""
+        """Execute actions in order, then redraw the figure."""
         for action in actions:
             if self._over:
                 break
             try:
-                seen, reward, _, self._over, _ = self._env.step(np.int64(action))
+                observation, reward, _, self._over, _ = self._env.step(np.int64(action))
             except RewardError as error:
                 self._over, self._error = True, str(error)
                 break
-            self._rgb = seen["rgb"]
-            self._way.append(seen["pose"][:2, 3])
-            self.paid.append(reward)
+            self._rgb = observation["rgb"]
+            self._path.append(observation["pose"][:2, 3])
+            self.rewards.append(reward)
         self.refresh()
 
     def controls(self) -> list[Any]:
-        """The buttons."""
+        """Return the buttons."""
         return [self.widgets.HBox(list(self.buttons.values()))]
 
     def figure(self) -> Figure:
-        """What the robot sees, its map with its way, and what was paid."""
+        """Draw the camera image, the map with the path, and the rewards."""
         figure = Figure(figsize=(12, 4), layout="constrained")
         view, plan, curve = figure.subplots(1, 3, width_ratios=(1, 1.2, 1.3))
         view.imshow(self._rgb)
-        view.set(xticks=[], yticks=[], title=f"step {len(self.paid)}")
+        view.set(xticks=[], yticks=[], title=f"camera image, step {len(self.rewards)}")
         draw_map(plan, self._env.map)
-        plan.plot(*np.transpose(self._way), color=ORANGE, linewidth=1.5)
-        curve.bar(np.arange(len(self.paid)) + 1, self.paid, color=SKY, label="each step")
-        curve.plot(np.arange(len(self.paid) + 1), np.cumsum([0.0, *self.paid]), color=BLUE, label="so far")
-        curve.set(xlabel="step", ylabel=plain(self._unit))
-        curve.set_title(plain(f"{self._name}: {sum(self.paid):.2f} so far"), fontsize=10)
+        plan.plot(*np.transpose(self._path), color=ORANGE, linewidth=1.5)
+        curve.bar(np.arange(len(self.rewards)) + 1, self.rewards, color=SKY, label="per step")
+        curve.plot(np.arange(len(self.rewards) + 1), np.cumsum([0.0, *self.rewards]), color=BLUE, label="cumulative")
+        curve.set(xlabel="step", ylabel=escape_dollars(self._unit))
+        curve.set_title(escape_dollars(f"{self._name}: {sum(self.rewards):.2f} in total"), fontsize=10)
         curve.legend(frameon=False, fontsize=8)
         if self._error:
-            figure.supxlabel(plain(self._error), color=ORANGE, fontsize=10, wrap=True)
+            figure.supxlabel(escape_dollars(self._error), color=ORANGE, fontsize=10, wrap=True)
         return figure
 
     def _press(self, action: Action, button: object) -> None:
         self.act(action)
 
 
-class Route(Ends):
-    """Choose a start and a goal on a map, and see the shortest way between them with its distance field.
+class Route(StartGoal):
+    """Shortest path between a chosen start and goal on a map, with the distance field of the goal.
 
     Args:
-        known: the map.
-        start: (2,) world x, y.
-        goal: (2,) world x, y.
+        known: map to plan on.
+        start: (2,) initial start position, world x, y, metres.
+        goal: (2,) initial goal position, world x, y, metres.
 
     Example:
         >>> from autonerf_lab.rewards.conformance import blank_transition
@@ -126,22 +126,22 @@ class Route(Ends):
 
     @property
     def length(self) -> float:
-        """Of the way, metres; inf without one."""
+        """Path length, metres; inf if there is no path."""
         return self._plan()[2]
 
     def controls(self) -> list[Any]:
-        """Those of the ends, and a slider for the clearance from obstacles, metres."""
+        """Return the controls of start and goal, and a slider for the clearance from obstacles, metres."""
         return [*super().controls(), self.sliders["clearance"]]
 
     def figure(self) -> Figure:
-        """The map with the distance to the goal in steps of half a metre, and the way."""
+        """Draw the map, contours of the distance to the goal every 0.5 m, and the path."""
         field, path, length = self._plan()
-        known, (start, goal) = self._known, self.ends
+        known, (start, goal) = self._known, self.start_goal
         figure = Figure(figsize=(8, 6), layout="constrained")
         ax = figure.subplots()
         straight = float(np.linalg.norm(start - goal))
-        way = f"{length:.2f} m, {straight:.2f} m as the crow flies" if np.isfinite(length) else "there is no way"
-        draw_map(ax, known, f"{way} (lines: every half metre from the goal)", robot=False)
+        summary = f"path {length:.2f} m, straight line {straight:.2f} m" if np.isfinite(length) else "no path"
+        draw_map(ax, known, f"{summary} (contours: distance to the goal, every 0.5 m)", robot=False)
         x0, x1, y0, y1 = map_extent(known)
         reached = np.where(np.isfinite(field), field, np.nan)
         if np.nanmax(reached, initial=0) > 0:
@@ -155,9 +155,9 @@ class Route(Ends):
         return figure
 
     def _plan(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """The distance field, the path in cells and its length."""
+        """Return the distance field, metres, the path in cells and its length, metres."""
         known = self._known
-        start, goal = world_to_cell(self.ends, known.origin, known.cell)
+        start, goal = world_to_cell(self.start_goal, known.origin, known.cell)
         free = known.explored & ~dilate(known.occupied, self.sliders["clearance"].value / known.cell)
         field = travel_distance(free, goal[None], known.cell)
         if not np.isfinite(field[tuple(start)]):
@@ -166,56 +166,58 @@ class Route(Ends):
         return field, path, path_length(path, known.cell)
 
 
-class Mixer(Live):
-    """Weigh rewards against each other, and see which of several walks the sum likes best.
+class RewardMixer(LiveFigure):
+    """Weighted sum of rewards with a slider for each weight, compared over several trajectories.
 
     Args:
-        walks: name of a walk -> name of a reward -> (T,) its value at each step.
-        weights: name of a reward -> its weight; without it, 1 for the first and 0 for the others.
+        values: trajectory name -> reward name -> (T,) reward at each step.
+        weights: reward name -> initial weight; by default 1 for the first reward and 0 for the others.
 
     Example:
-        >>> mixer = Mixer({"there": {"cov": np.ones(3), "nov": np.zeros(3)}})
+        >>> mixer = RewardMixer({"frontier": {"cov": np.ones(3), "nov": np.zeros(3)}})
         >>> mixer.sliders["nov"].value = 0.5
         >>> mixer.reward
         '1*cov+0.5*nov'
     """
 
-    def __init__(self, walks: Mapping[str, Mapping[str, np.ndarray]], weights: Mapping[str, float] | None = None):
+    def __init__(self, values: Mapping[str, Mapping[str, np.ndarray]], weights: Mapping[str, float] | None = None):
         super().__init__()
-        self._walks = walks
-        names = list(next(iter(walks.values())))
-        chosen = {names[0]: 1.0} if weights is None else weights
-        self.sliders = {name: self.slider(name, 0.0, 2.0, chosen.get(name, 0.0), while_dragged=True) for name in names}
+        self._values = values
+        names = list(next(iter(values.values())))
+        initial = {names[0]: 1.0} if weights is None else weights
+        self.sliders = {name: self.slider(name, 0.0, 2.0, initial.get(name, 0.0), continuous=True) for name in names}
         self.refresh()
 
     @property
     def reward(self) -> str:
-        """The sum by its name, for any environment: ``reward="1*cov+0.5*nov"``; empty when all weights are 0."""
+        """Name of the weighted sum, as environments accept it: ``"1*cov+0.5*nov"``; empty if all weights are 0."""
         return "+".join(f"{slider.value:g}*{name}" for name, slider in self.sliders.items() if slider.value)
 
     def controls(self) -> list[Any]:
-        """A slider for each weight."""
+        """Return a slider for each weight."""
         return list(self.sliders.values())
 
     def figure(self) -> Figure:
-        """The weighted sum along each walk, and what each term has brought in the end."""
+        """Draw the cumulative weighted sum of each trajectory, and the total of each term."""
         figure = Figure(figsize=(11, 3.4), layout="constrained")
         curve, bars = figure.subplots(1, 2, width_ratios=(1.3, 1))
-        for number, (walk, values) in enumerate(self._walks.items()):
+        for number, (trajectory, values) in enumerate(self._values.items()):
             terms = {name: slider.value * np.cumsum(values[name]) for name, slider in self.sliders.items()}
             style = ("-", "--", ":", "-.")[number % 4]
-            curve.plot(np.sum(list(terms.values()), axis=0), style, color="black", label=plain(walk))
+            curve.plot(np.sum(list(terms.values()), axis=0), style, color="black", label=escape_dollars(trajectory))
             left = 0.0
             for k, (name, curves) in enumerate(terms.items()):
-                label = plain(name) if number == 0 else None
+                label = escape_dollars(name) if number == 0 else None
                 bars.barh(number, curves[-1], left=left, color=_COLORS[k % 7], edgecolor="white", label=label)
                 left += curves[-1]
-        curve.set(xlabel="step")
-        curve.set_title(plain(self.reward or "all weights are 0"), fontsize=10)
+        curve.set(xlabel="step", ylabel="cumulative reward")
+        curve.set_title(escape_dollars(self.reward or "all weights are 0"), fontsize=10)
         curve.legend(frameon=False, fontsize=9)
         curve.grid(alpha=0.3)
-        bars.set(yticks=range(len(self._walks)), yticklabels=[plain(walk) for walk in self._walks])
+        bars.set(
+            yticks=range(len(self._values)), yticklabels=[escape_dollars(trajectory) for trajectory in self._values]
+        )
         bars.invert_yaxis()
-        bars.set_title("what each term has brought", fontsize=10)
+        bars.set_title("total of each weighted term", fontsize=10)
         bars.legend(frameon=False, fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.1))
         return figure

@@ -1,4 +1,4 @@
-"""What a lens does to a photograph."""
+"""Interactive view of radial lens distortion."""
 
 from dataclasses import replace
 from typing import Any
@@ -7,18 +7,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.ndimage import map_coordinates
 
-from autonerf_lab.course.widgets.live import Live
+from autonerf_lab.course.widgets.live import LiveFigure
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.viz.figures.style import ORANGE
 
 
 def through_lens(image: np.ndarray, camera: Intrinsics, lens: Intrinsics) -> np.ndarray:
-    """The picture that another camera would have taken from the same place.
+    """Resample an image as another camera at the same pose would record it.
 
     Args:
-        image: (H, W, 3) uint8 of a camera that sees all that the lens does; beyond it, the picture is black.
-        camera: of the image.
-        lens: the other camera.
+        image: (H, W, 3) uint8 with a field of view at least that of ``lens``; missing pixels become black.
+        camera: camera model of ``image``.
+        lens: camera model of the result.
 
     Returns:
         (lens.height, lens.width, 3) uint8.
@@ -35,13 +35,13 @@ def through_lens(image: np.ndarray, camera: Intrinsics, lens: Intrinsics) -> np.
     return np.stack(layers, axis=-1).round().astype(np.uint8)
 
 
-class Lens(Live):
-    """Two sliders for the distortion of a lens, and a picture with a grid that it bends.
+class Lens(LiveFigure):
+    """Distorted image with two sliders for the radial distortion of the lens.
 
     Args:
-        image: (H, W, 3) uint8 of a pinhole camera, wider than the lens.
-        camera: of the image.
-        lens: begins with its distortion.
+        image: (H, W, 3) uint8 of a pinhole camera with a wider field of view than ``lens``.
+        camera: camera model of ``image``.
+        lens: camera model with the initial distortion.
 
     Example:
         >>> lens = Lens(np.zeros((8, 8, 3), np.uint8), Intrinsics.from_fov(8, 8, 120), Intrinsics.from_fov(6, 6))
@@ -61,33 +61,35 @@ class Lens(Live):
 
     @property
     def camera(self) -> Intrinsics:
-        """With the distortion of the sliders."""
+        """Camera model with the distortion set by the sliders."""
         return replace(self._lens, **{name: slider.value for name, slider in self.sliders.items()})
 
     def controls(self) -> list[Any]:
-        """The sliders."""
+        """Return the sliders."""
         return [self.widgets.HBox(list(self.sliders.values()))]
 
     def figure(self) -> Figure:
-        """A pinhole and the lens at the same place, and where the lens moves what."""
-        straight = replace(self._lens, k1=0.0, k2=0.0, k3=0.0, p1=0.0, p2=0.0)
-        bent = self.camera
+        """Draw the pinhole image, the distorted image, and the image radius over the angle from the optical axis."""
+        pinhole = replace(self._lens, k1=0.0, k2=0.0, k3=0.0, p1=0.0, p2=0.0)
+        distorted = self.camera
         figure = Figure(figsize=(12, 3.4), layout="constrained")
         axes = figure.subplots(1, 3)
-        right, down = bent.width / 2 / bent.fl_x, bent.height / 2 / bent.fl_y  # tangents at the edges
-        ways = np.linspace(-1.3, 1.3, 60)
-        for ax, camera, title in zip(axes, (straight, bent), ("a pinhole", "the lens"), strict=False):
-            ax.imshow(through_lens(self._image, self._wide, camera), extent=(0, bent.width, bent.height, 0))
+        # tangents at the edges of the image
+        right, down = distorted.width / 2 / distorted.fl_x, distorted.height / 2 / distorted.fl_y
+        along = np.linspace(-1.3, 1.3, 60)
+        cameras, titles = (pinhole, distorted), ("pinhole camera", "lens with distortion")
+        for ax, camera, title in zip(axes, cameras, titles, strict=False):
+            ax.imshow(through_lens(self._image, self._wide, camera), extent=(0, distorted.width, distorted.height, 0))
             for k in np.linspace(-1, 1, 7):
-                for line in ((ways * right, k * down), (k * right, ways * down)):
+                for line in ((along * right, k * down), (k * right, along * down)):
                     x, y, z = np.broadcast_arrays(*line, -1.0)
                     ax.plot(*camera.project(np.stack([x, y, z], axis=1)).T, color=ORANGE, linewidth=0.7)
-            ax.set(xlim=(0, bent.width), ylim=(bent.height, 0), xticks=[], yticks=[], title=title)
+            ax.set(xlim=(0, distorted.width), ylim=(distorted.height, 0), xticks=[], yticks=[], title=title)
         r = np.linspace(0, float(np.hypot(right, down)), 60)
-        for camera, style, label in ((straight, ":", "a pinhole"), (bent, "-", "the lens")):
-            shown = camera.project(np.stack([r, 0 * r, 0 * r - 1], axis=1))[:, 0] - camera.cx
-            axes[2].plot(np.degrees(np.arctan(r)), shown, style, color="black", label=label)
-        axes[2].set(xlabel="angle from the axis (degrees)", ylabel="pixels from the middle")
-        axes[2].set_title(f"k1 = {bent.k1:.2f}, k2 = {bent.k2:.2f}")
+        for camera, style, label in zip(cameras, (":", "-"), titles, strict=True):
+            radius = camera.project(np.stack([r, 0 * r, 0 * r - 1], axis=1))[:, 0] - camera.cx
+            axes[2].plot(np.degrees(np.arctan(r)), radius, style, color="black", label=label)
+        axes[2].set(xlabel="angle from the optical axis (°)", ylabel="distance from the image centre (pixels)")
+        axes[2].set_title(f"k1 = {distorted.k1:.2f}, k2 = {distorted.k2:.2f}")
         axes[2].legend(frameon=False)
         return figure

@@ -1,4 +1,4 @@
-"""Controls with a picture that follows them, and a picture that stays when no kernel runs."""
+"""Base classes of the widgets: controls, a figure that follows them, and a static copy that needs no kernel."""
 
 import io
 import threading
@@ -7,17 +7,17 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from autonerf_lab.utils.extras import OWN_SIZE, optional
-from autonerf_lab.viz.figures.alt_text import describe
+from autonerf_lab.utils.extras import NATURAL_SIZE, optional
+from autonerf_lab.viz.alt_text import describe
 
 _DPI = 80
 
 
-class Live(ABC):
-    """Something to play with in a notebook.
+class LiveFigure(ABC):
+    """Interactive figure of a notebook.
 
-    A notebook shows the controls with their picture, and below them the same picture once more as a plain PNG: that is
-    what remains of the cell where no kernel runs.
+    A notebook shows the controls with the figure, and below them a static PNG of the same figure. Without a running
+    kernel only the static PNG is visible.
 
     Raises:
         MissingPackageError: the extra ``notebooks`` is not installed.
@@ -25,60 +25,69 @@ class Live(ABC):
 
     def __init__(self) -> None:
         self.widgets = optional("ipywidgets", "notebooks")
-        self._shown = self.widgets.Image(format="png", layout=OWN_SIZE)
+        self._shown = self.widgets.Image(format="png", layout=NATURAL_SIZE)
 
     @abstractmethod
     def figure(self) -> Figure:
-        """The picture of the present state."""
+        """Draw the current state."""
 
     @abstractmethod
     def controls(self) -> list[Any]:
-        """What the student handles, of ipywidgets."""
+        """Return the ipywidgets controls."""
 
     @property
-    def picture(self) -> bytes:
-        """The picture that is shown, a PNG."""
+    def png(self) -> bytes:
+        """PNG file of the current figure."""
         return bytes(self._shown.value)
 
     def refresh(self, change: object = None) -> None:
-        """Draw the picture again; also what a control calls when it was changed."""
+        """Redraw the figure; also the callback of the controls, which pass ``change``."""
         data = io.BytesIO()
         self._figure = self.figure()
         self._figure.savefig(data, format="png", dpi=_DPI, facecolor="white")
-        self._words = describe(self._figure)
+        self._alt_text = describe(self._figure)
         self._show(data.getvalue())
 
-    def _show(self, picture: bytes) -> None:
-        self._shown.value = picture
+    def _show(self, png: bytes) -> None:
+        self._shown.value = png
 
     def slider(
-        self, name: str, low: float, high: float, value: float, step: float = 0.05, while_dragged: bool = False
+        self, name: str, low: float, high: float, value: float, step: float = 0.05, continuous: bool = False
     ) -> Any:
-        """A slider that draws the picture again when it is let go, or ``while_dragged``; of integers if ``step`` is."""
+        """Return a slider that redraws the figure.
+
+        Args:
+            name: label.
+            low: smallest value.
+            high: largest value.
+            value: initial value.
+            step: increment; an integer gives a slider of integers.
+            continuous: redraw while the slider is dragged, not only when it is released.
+        """
         options = {"min": low, "max": high, "value": value, "step": step, "description": name}
         kind = self.widgets.IntSlider if isinstance(step, int) else self.widgets.FloatSlider
-        slider = kind(**options, continuous_update=while_dragged)
+        slider = kind(**options, continuous_update=continuous)
         slider.observe(self.refresh, "value")
         return slider
 
     def widget(self) -> Any:
-        """The controls and the picture, without the one that stays."""
+        """Return the figure with its controls, without the static PNG."""
         return self.widgets.VBox([self._shown, *self.controls()])
 
-    def still(self) -> Any:
-        """The picture that stays."""
+    def static_image(self) -> Any:
+        """Return the current figure as a static PNG with alternative text."""
         from IPython.display import Image
 
-        return Image(self.picture, format="png", alt=self._words)
+        return Image(self.png, format="png", alt=self._alt_text)
 
     def _ipython_display_(self) -> None:
         from IPython.display import display
 
-        display(self.widget(), self.still())
+        display(self.widget(), self.static_image())
 
 
-class Background(Live):
-    """Something that goes on in the background from "train on" until "stop".
+class BackgroundTask(LiveFigure):
+    """Interactive figure of a task that runs in a background thread between "train on" and "stop".
 
     Raises:
         MissingPackageError: the extra ``notebooks`` is not installed.
@@ -88,47 +97,47 @@ class Background(Live):
         super().__init__()
         self.stopped, self._thread, self.error = threading.Event(), threading.Thread(), ""
         self.buttons = {name: self.widgets.Button(description=name) for name in ("train on", "stop")}
-        self.buttons["train on"].on_click(self._train_on)
+        self.buttons["train on"].on_click(self._start)
         self.buttons["stop"].on_click(self.stop)
 
     @abstractmethod
     def work(self) -> None:
-        """Go on until ``stopped`` is set."""
+        """Run the task until ``stopped`` is set."""
 
     def stop(self, button: object = None) -> None:
-        """End what "train on" began, and wait until the present step is done."""
+        """Stop the background thread and wait until the current step has ended."""
         self.stopped.set()
         if self._thread.ident is not None:
             self._thread.join()
 
     def controls(self) -> list[Any]:
-        """The buttons: one trains in the background, the other ends that."""
+        """Return the buttons "train on" and "stop"."""
         return [self.widgets.HBox(list(self.buttons.values()))]
 
-    def say_error(self, figure: Figure) -> None:
-        """Below the picture, what ended the work."""
+    def draw_error(self, figure: Figure) -> None:
+        """Write the error that ended the task below the figure, if there is one."""
         if self.error:
-            figure.supxlabel(plain(self.error), color="#D55E00", fontsize=10, wrap=True)
+            figure.supxlabel(escape_dollars(self.error), color="#D55E00", fontsize=10, wrap=True)
 
-    def _train_on(self, button: object) -> None:
+    def _start(self, button: object) -> None:
         if not self._thread.is_alive():
             self.stopped.clear()
-            self._thread = threading.Thread(target=self._in_background, daemon=True)
+            self._thread = threading.Thread(target=self._run_in_thread, daemon=True)
             self._thread.start()
 
-    def _in_background(self) -> None:
+    def _run_in_thread(self) -> None:
         try:
             self.work()
-        except Exception as error:  # what is trained is code of the student's
+        except Exception as error:  # the task may run code written by the student
             self.error = f"{type(error).__name__}: {error}"
             self.refresh()
 
 
-def plain(text: str) -> str:
-    r"""Text for matplotlib that is shown as it is: names come from anywhere, and a dollar sign begins a formula.
+def escape_dollars(text: str) -> str:
+    r"""Escape dollar signs, which would start a formula in a matplotlib text.
 
     Example:
-        >>> print(plain("a$b"))
+        >>> print(escape_dollars("a$b"))
         a\$b
     """
     return text.replace("$", r"\$")

@@ -1,28 +1,28 @@
-"""Something to play with that needs a pose to be refined: go back and forth through its iterations."""
+"""Interactive view of the iterations of a pose refinement."""
 
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from autonerf_lab.course.widgets.live import Live
+from autonerf_lab.course.widgets.live import LiveFigure
 from autonerf_lab.evaluators.pose_refinement import CONVERGED_DEG, CONVERGED_M, pose_errors
-from autonerf_lab.evaluators.radiance_field import Field
+from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.viz.figures.style import BLUE, ORANGE, plain_log
 
-_FLOOR = 1e-3  # degrees and millimetres, where the curves of the errors end
+_FLOOR = 1e-3  # degrees and millimetres, smallest error on the logarithmic axes
 
 
-class Refining(Live):
-    """Choose an iteration, and see the field from the camera's pose at that time beside what the camera saw.
+class PoseRefinement(LiveFigure):
+    """Rendering from the estimated pose at a chosen iteration, next to the target image.
 
     Args:
-        field: what the camera is refined in.
-        trace: (I, 4, 4) poses, the start first.
-        truth: (4, 4) where the camera is.
-        target: (H, W, 3) uint8, what it saw.
-        intrinsics: of the camera.
+        field: radiance field used for the refinement.
+        trace: (I, 4, 4) estimated poses, camera-to-world, the initial one first.
+        truth: (4, 4) true pose.
+        target: (H, W, 3) uint8 image taken from the true pose.
+        intrinsics: camera model.
 
     Example:
         >>> from autonerf_lab.evaluators.oracle import TrueField
@@ -32,7 +32,7 @@ class Refining(Live):
         >>> sim = Simulator(load_scene("dev-0"), Intrinsics.from_fov(16, 16))
         >>> trace = np.stack([planar_pose(1.6, 1.0, 0.0), planar_pose(1.5, 1.0, 0.0)])
         >>> field, target = TrueField(sim.scene, sim, views=1), sim.render(trace[-1]).rgb
-        >>> refining = Refining(field, trace, trace[-1], target, sim.intrinsics)
+        >>> refining = PoseRefinement(field, trace, trace[-1], target, sim.intrinsics)
         >>> refining.errors.round(3).tolist()
         [0.0, 0.1]
         >>> refining.iteration.value = 1
@@ -41,7 +41,7 @@ class Refining(Live):
     """
 
     def __init__(
-        self, field: Field, trace: np.ndarray, truth: np.ndarray, target: np.ndarray, intrinsics: Intrinsics
+        self, field: RadianceField, trace: np.ndarray, truth: np.ndarray, target: np.ndarray, intrinsics: Intrinsics
     ) -> None:
         super().__init__()
         self._field, self._trace, self._intrinsics = field, trace, intrinsics
@@ -52,27 +52,27 @@ class Refining(Live):
 
     @property
     def errors(self) -> np.ndarray:
-        """(2,) of the pose that is shown: degrees and metres."""
+        """(2,) rotation error, degrees, and position error, metres, of the shown pose."""
         return self._errors[self.iteration.value]
 
     def controls(self) -> list[Any]:
-        """A slider over the iterations."""
+        """Return a slider over the iterations."""
         return [self.iteration]
 
     def figure(self) -> Figure:
-        """What the camera saw, what the field shows from here, how they differ, and both errors over time."""
-        shown = np.clip(self._field.render(self._trace[self.iteration.value], self._intrinsics).rgb, 0, 1)
+        """Draw target, rendering and their difference, and both errors over the iterations."""
+        rendered = np.clip(self._field.render(self._trace[self.iteration.value], self._intrinsics).rgb, 0, 1)
         figure = Figure(figsize=(14, 3.2), layout="constrained")
-        *pictures, turned, off = figure.subplots(1, 5, width_ratios=(1, 1, 1, 1.2, 1.2))
-        titles = ("what the camera saw", f"the field, iteration {self.iteration.value}", "difference")
-        difference = np.abs(shown - self._target).mean(axis=2)
-        for ax, image, title in zip(pictures, (self._target, shown, difference), titles, strict=True):
+        *images, rotation, position = figure.subplots(1, 5, width_ratios=(1, 1, 1, 1.2, 1.2))
+        titles = ("target image", f"rendering, iteration {self.iteration.value}", "absolute difference")
+        difference = np.abs(rendered - self._target).mean(axis=2)
+        for ax, image, title in zip(images, (self._target, rendered, difference), titles, strict=True):
             ax.imshow(image, cmap="magma", vmin=0, vmax=0.4)
             ax.set(xticks=[], yticks=[])
             ax.set_title(title, fontsize=10)
         panels = (
-            (turned, self._errors[:, 0], CONVERGED_DEG, "rotation: {:.2f}°", "error (degrees)"),
-            (off, 1000 * self._errors[:, 1], 1000 * CONVERGED_M, "position: {:.0f} mm", "error (mm)"),
+            (rotation, self._errors[:, 0], CONVERGED_DEG, "rotation: {:.2f}°", "error (°)"),
+            (position, 1000 * self._errors[:, 1], 1000 * CONVERGED_M, "position: {:.0f} mm", "error (mm)"),
         )
         for ax, errors, limit, title, unit in panels:
             ax.semilogy(np.maximum(errors, _FLOOR), color=BLUE)

@@ -1,11 +1,11 @@
-"""Start and goal on a map: clicked on the picture, or set by sliders, which the keyboard moves too."""
+"""Choice of a start and a goal position: by clicks on a figure, or by sliders, which also work with the keyboard."""
 
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from autonerf_lab.course.widgets.live import Live
+from autonerf_lab.course.widgets.live import LiveFigure
 from autonerf_lab.utils.extras import optional
 
 _CLICKS = """
@@ -32,16 +32,16 @@ export default { render };
 """
 
 
-class Ends(Live):
-    """Choose a start and a goal in a picture with one or several maps, whose axes are the world's x and y.
+class StartGoal(LiveFigure):
+    """Base class of figures in which a start and a goal position are chosen.
 
-    A click sets the end whose turn it is, and then it is the other's turn.
+    The figure contains one or more maps with world x and y as axes. Clicks set the start and the goal alternately.
 
     Args:
-        low: (2,) world x, y, the least that can be chosen.
-        high: (2,) the most.
-        start: (2,) where the way begins.
-        goal: (2,) where it ends.
+        low: (2,) smallest world x, y, metres.
+        high: (2,) largest world x, y, metres.
+        start: (2,) initial start position, world x, y, metres.
+        goal: (2,) initial goal position, world x, y, metres.
 
     Raises:
         MissingPackageError: the extra ``notebooks`` is not installed.
@@ -49,49 +49,54 @@ class Ends(Live):
 
     def __init__(self, low: np.ndarray, high: np.ndarray, start: Iterable[float], goal: Iterable[float]) -> None:
         super().__init__()
-        self._shown, self._held = _picture(), False
-        self._shown.on_msg(lambda widget, place, buffers: self.click(*place))
-        self.turn = self.widgets.ToggleButtons(options=("start", "goal"), description="click: the")
+        self._shown, self._redraw_paused = _clickable_image(), False
+        self._shown.on_msg(lambda widget, position, buffers: self.click(*position))
+        self.next_click = self.widgets.ToggleButtons(options=("start", "goal"), description="click sets")
         self.sliders = {
-            f"{end} {axis}": self.slider(f"{end} {axis}", float(low[k]), float(high[k]), float(value))
-            for end, place in {"start": start, "goal": goal}.items()
-            for k, (axis, value) in enumerate(zip("xy", place, strict=True))
+            f"{name} {axis}": self.slider(f"{name} {axis}", float(low[k]), float(high[k]), float(value))
+            for name, position in {"start": start, "goal": goal}.items()
+            for k, (axis, value) in enumerate(zip("xy", position, strict=True))
         }
 
     @property
-    def ends(self) -> np.ndarray:
-        """(2, 2) world x, y of start and goal."""
-        return np.array([[self.sliders[f"{end} {axis}"].value for axis in "xy"] for end in ("start", "goal")])
+    def start_goal(self) -> np.ndarray:
+        """(2, 2) start and goal, world x, y, metres."""
+        return np.array([[self.sliders[f"{name} {axis}"].value for axis in "xy"] for name in ("start", "goal")])
 
     def click(self, across: float, down: float) -> None:
-        """A click at shares of the picture's width and height, from its upper left; beside the maps it does nothing."""
+        """Set the start or the goal to the clicked position; clicks outside the maps are ignored.
+
+        Args:
+            across: horizontal position as a fraction of the image width, from the left.
+            down: vertical position as a fraction of the image height, from the top.
+        """
         point = self._figure.bbox.width * across, self._figure.bbox.height * (1 - down)
         maps = [ax for ax in self._figure.axes if ax.bbox.contains(*point)]
         if not maps:
             return
-        end, self._held = self.turn.value, True  # one new picture for both sliders
+        name, self._redraw_paused = self.next_click.value, True  # redraw once, not for each of the two sliders
         for axis, value in zip("xy", maps[0].transData.inverted().transform(point), strict=True):
-            self.sliders[f"{end} {axis}"].value = float(value)
-        self._held = False
-        self.turn.value = "goal" if end == "start" else "start"
+            self.sliders[f"{name} {axis}"].value = float(value)
+        self._redraw_paused = False
+        self.next_click.value = "goal" if name == "start" else "start"
         self.refresh()
 
     def refresh(self, change: object = None) -> None:
-        """Draw the picture again."""
-        if not self._held:
+        """Redraw the figure."""
+        if not self._redraw_paused:
             super().refresh(change)
 
-    def _show(self, picture: bytes) -> None:
-        self._shown.alt, self._shown.value = self._words, picture
+    def _show(self, png: bytes) -> None:
+        self._shown.alt, self._shown.value = self._alt_text, png
 
     def controls(self) -> list[Any]:
-        """Whose turn it is to be clicked, and sliders: x and y of both ends, metres."""
-        sliders = [[self.sliders[f"{end} {axis}"] for axis in "xy"] for end in ("start", "goal")]
-        return [self.turn, *(self.widgets.HBox(pair) for pair in sliders)]
+        """Return a toggle for the next click and sliders for x and y of the start and the goal, metres."""
+        sliders = [[self.sliders[f"{name} {axis}"] for axis in "xy"] for name in ("start", "goal")]
+        return [self.next_click, *(self.widgets.HBox(pair) for pair in sliders)]
 
 
-def _picture() -> Any:
-    """A PNG that says where it was clicked on: a message of two shares, across and down."""
+def _clickable_image() -> Any:
+    """Return a PNG widget that sends each click as two fractions of its size, across and down."""
     anywidget, traitlets = optional("anywidget", "notebooks"), optional("traitlets", "notebooks")
     traits = {"value": traitlets.Bytes().tag(sync=True), "alt": traitlets.Unicode().tag(sync=True)}
-    return type("Picture", (anywidget.AnyWidget,), {"_esm": _CLICKS, **traits})()
+    return type("ClickableImage", (anywidget.AnyWidget,), {"_esm": _CLICKS, **traits})()

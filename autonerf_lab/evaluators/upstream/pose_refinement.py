@@ -1,8 +1,8 @@
-"""Pose refinement as the released code does it, following iNeRF.
+"""Pose refinement of the released code, following iNeRF.
 
-Starts are turned by 5 degrees and moved by 3 cm about every axis of the world, around its origin: a camera far from it
-is moved by decimetres. What is optimised is a screw motion around the origin, too. Rotations are compared by the sum of
-the errors of three Euler angles.
+Start poses are rotated by 5 degrees about every axis of the world through its origin and translated by 3 cm along every
+axis: a camera far from the origin moves by decimetres. The optimised variable is a screw motion about the origin. The
+rotation error is the sum of the errors of three Euler angles.
 """
 
 from collections.abc import Callable
@@ -10,14 +10,14 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from autonerf_lab.evaluators.radiance_field import Field
+from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.geometry import Intrinsics
 
 START_DEG, START_M = 5.0, 0.03
 
 
 def perturb(c2w: np.ndarray) -> np.ndarray:
-    """(..., 4, 4) poses turned by 5 degrees and moved by 3 cm about every axis of the world, around its origin.
+    """Rotate (..., 4, 4) poses by 5 degrees about every axis of the world and translate them by 3 cm along every axis.
 
     Example:
         >>> far = np.eye(4); far[0, 3] = 10.0
@@ -33,7 +33,7 @@ def perturb(c2w: np.ndarray) -> np.ndarray:
 
 
 def euler_deg(c2w: np.ndarray) -> np.ndarray:
-    """(..., 3) angles about x, y and z of (..., 4, 4) poses, degrees."""
+    """Return the (..., 3) Euler angles about x, y and z of (..., 4, 4) poses, degrees."""
     r = c2w[..., :3, :3]
     about_y = np.arctan2(-r[..., 2, 0], np.hypot(r[..., 2, 1], r[..., 2, 2]))
     return np.degrees(
@@ -42,13 +42,13 @@ def euler_deg(c2w: np.ndarray) -> np.ndarray:
 
 
 def pose_errors(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(K,) sums of the errors of three Euler angles in degrees, and (K,) position errors in metres."""
-    turned = np.abs((euler_deg(poses) - euler_deg(truth) + 180) % 360 - 180).sum(axis=-1)
-    return turned, np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1)
+    """Return (K,) sums of the errors of three Euler angles in degrees, and (K,) position errors in metres."""
+    rotation = np.abs((euler_deg(poses) - euler_deg(truth) + 180) % 360 - 180).sum(axis=-1)
+    return rotation, np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1)
 
 
 def _screw(w: torch.Tensor, v: torch.Tensor, theta: torch.Tensor) -> torch.Tensor:
-    """(K, 4, 4) motions of K screws: axes (K, 3), velocities (K, 3), angles (K,)."""
+    """Return (K, 4, 4) screw motions with axes (K, 3), velocities (K, 3) and angles (K,)."""
     zero = torch.zeros_like(theta)
     x, y, z = w.T
     skew = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=1).reshape(-1, 3, 3)
@@ -61,7 +61,7 @@ def _screw(w: torch.Tensor, v: torch.Tensor, theta: torch.Tensor) -> torch.Tenso
 
 
 def refine(
-    field: Field,
+    field: RadianceField,
     starts: np.ndarray,
     targets: np.ndarray,
     intrinsics: Intrinsics,
@@ -70,16 +70,16 @@ def refine(
     seed: int = 0,
     tick: Callable[[], None] = lambda: None,
 ) -> np.ndarray:
-    """Refine K cameras at once as the released code does, by Adam with ``lr = 0.01 * 0.8 ** (i / 100)``.
+    """Refine K poses together by Adam with ``lr = 0.01 * 0.8 ** (i / 100)``.
 
     Args:
         field: only ``ray_gradients`` is used.
-        starts: (K, 4, 4) camera-to-world.
-        targets: (K, H, W, 3) uint8, what each camera saw.
+        starts: (K, 4, 4) camera-to-world start poses.
+        targets: (K, H, W, 3) uint8 target images.
         intrinsics: of the targets.
-        iterations: of the descent.
-        rays: random pixels of each camera and iteration.
-        seed: of the random pixels.
+        iterations: number of iterations.
+        rays: random pixels per pose and iteration.
+        seed: random seed of the pixels.
         tick: called after each iteration.
 
     Returns:

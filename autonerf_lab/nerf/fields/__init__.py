@@ -1,1 +1,1 @@
-"""What is at a point: the fields that models are made of."""
+"""Fields of models: density, colour and class at points."""

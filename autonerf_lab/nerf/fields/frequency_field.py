@@ -1,25 +1,25 @@
-"""The field of Semantic NeRF (Zhi et al. 2021): one deep network on sines and cosines of the position."""
+"""Field of Semantic NeRF (Zhi et al. 2021): one deep network on a frequency encoding of the position."""
 
 import numpy as np
 import torch
 
 from autonerf_lab.nerf.encodings import frequencies
-from autonerf_lab.nerf.fields.hash_field import he_uniform
+from autonerf_lab.nerf.fields.hash_encoder import he_uniform
 from autonerf_lab.nerf.fields.torch_field import TorchField
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import SemanticNerfSettings
 
 
 class FrequencyField(TorchField):
-    """Density, colour and class at points; the semantic head does not see the direction.
+    """Density, colour and class at points; the semantic head does not depend on the direction.
 
     Args:
-        settings: sizes.
-        box: where the scene is; its cube is what the frequencies span.
+        settings: sizes of the network.
+        box: region of full resolution; its contracted cube is the domain of the frequency encoding.
         classes: number of classes, 0 for a field without semantics.
         rng: initial values.
         device: a torch device.
-        prefix: of the parameters' names, where a model has two such fields.
+        prefix: of the parameter names, for models with two such fields.
     """
 
     settings: SemanticNerfSettings
@@ -56,6 +56,7 @@ class FrequencyField(TorchField):
     def forward(
         self, points: torch.Tensor, directions: torch.Tensor, frames: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Evaluate the network at points on rays; see the base class."""
         s = self.settings
         x = frequencies(2 * self.box.contract_tensor(points) - 1, s.position_frequencies)
         h = x

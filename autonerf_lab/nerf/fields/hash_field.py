@@ -1,4 +1,4 @@
-"""Hash encoding and small networks (section 3.2), in fused numba kernels.
+"""Hash encoding and small networks (section 3.2), computed by fused numba kernels.
 
 The paper's symbols::
 
@@ -9,44 +9,41 @@ The paper's symbols::
     s = f_s(h_d)                    semantic network                semantic_0, semantic_1
     c = f_c(h_d, phi~, e)           colour network                  color_geometry, color_ray, color_1, color_2
 
-This file holds the parameters and the order of the work; the work itself is in :mod:`autonerf_lab.nerf.kernels`, and
-the same in torch in :mod:`autonerf_lab.nerf.fields.torch_hash_field`.
+This module holds the parameters and calls the kernels of :mod:`autonerf_lab.nerf.kernels`. It pads rays to whole tiles,
+so that callers may pass any number of rays. The same field in torch: :mod:`autonerf_lab.nerf.fields.torch_hash_field`.
 """
+
+from typing import TypeVar
 
 import numpy as np
 import torch
 
 from autonerf_lab.nerf.encodings import HashGrid, spherical_harmonics
+from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, he_uniform
 from autonerf_lab.nerf.kernels import fused, volume_rendering
-from autonerf_lab.nerf.kernels.hash_encoding import hash_encode, hash_encode_backward, hash_encode_points_backward
-from autonerf_lab.nerf.kernels.tiling import BLOCK_RAYS, CHUNKS, GEOMETRY
-from autonerf_lab.nerf.ray_batch import NO_LABEL, Arrays, Learned, Rays, Rendered, Samples, Targets
+from autonerf_lab.nerf.kernels.proposals import ProposalMatrices
+from autonerf_lab.nerf.kernels.tiling import CHUNKS, GEOMETRY, TILE_RAYS, pad_rows
+from autonerf_lab.nerf.ray_batch import NO_DEPTH, NO_LABEL, Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import HashSettings
 
-MATRICES = (
-    "density_0",
-    "density_1",
-    "color_geometry",
-    "color_ray",
-    "color_1",
-    "color_2",
-    "semantic_0",
-    "semantic_1",
-)
-HARMONICS = 16
-TABLE_START = 1e-2  # half the range of a table's initial values
+Matrices = TypeVar("Matrices", fused.FieldMatrices, ProposalMatrices)
+
+HARMONICS = 16  # spherical harmonics up to degree 3
 
 
 def build_grid(settings: HashSettings, box: SceneBox) -> HashGrid:
-    """The layout of the field's table."""
+    """Return the layout of the field's table."""
     return HashGrid.build(box.size, settings.coarse, settings.fine, settings.levels, settings.log2_entries)
 
 
 def initial_parameters(
     settings: HashSettings, grid: HashGrid, frames: int, classes: int, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Random values, the same for kernels and torch; without classes there is no semantic network."""
+    """Return random initial values by name, the same for kernels and torch.
+
+    Without classes the semantic network has no units.
+    """
     s = settings
     semantic = s.hidden if classes else 0
     shapes = {
@@ -60,84 +57,18 @@ def initial_parameters(
         "semantic_1": (classes, semantic),
     }
     parameters = {name: he_uniform(shape, rng) for name, shape in shapes.items()}
-    parameters["color_2"][3] = 0  # the fourth row only fills the block
-    parameters["table"] = rng.uniform(-TABLE_START, TABLE_START, (grid.entries, 2)).astype(np.float32)
+    parameters["color_2"][3] = 0  # padding: colour has three rows
+    parameters["table"] = rng.uniform(-TABLE_INIT, TABLE_INIT, (grid.entries, 2)).astype(np.float32)
     parameters["appearance"] = np.zeros((frames, s.appearance), np.float32)
     return parameters
 
 
-def he_uniform(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
-    """Initial weights (outputs, inputs) of a layer without bias before a relu (He et al. 2015)."""
-    bound = np.sqrt(6 / max(shape[1], 1))
-    return rng.uniform(-bound, bound, shape).astype(np.float32)
-
-
-class Buffers:
-    """Scratch memory that is kept between steps: fresh pages cost more than the work done on them."""
-
-    def __init__(self) -> None:
-        self._arrays: dict[str, np.ndarray] = {}
-
-    def __call__(self, name: str, *shape: int) -> np.ndarray:
-        """A float32 array with whatever was left in it, zeros at first."""
-        found = self._arrays.get(name)
-        if found is None or found.shape != shape:
-            found = self._arrays[name] = np.zeros(shape, np.float32)
-        return found
-
-
-class Encoder:
-    """Hash encoding of the middles of bins, with one table; features come in blocks of BLOCK_RAYS rays."""
-
-    def __init__(self, grid: HashGrid, box: SceneBox, table: np.ndarray) -> None:
-        self.grid, self.box, self.table = grid, box, table
-        self._layout = grid.offsets, grid.resolutions, grid.masks
-        self._buffer = Buffers()
-
-    def __call__(self, rays: Rays, middles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Contracted points (3, R S) and features (R / BLOCK_RAYS, 2 L, BLOCK_RAYS S) for distances (R, S)."""
-        count, samples = middles.shape
-        x = self._buffer("x", 3, count * samples)
-        box = self.box
-        volume_rendering.ray_points(
-            rays.origins, rays.directions, middles, box.center, box.half, np.float32(box.shell), x
-        )
-        enc = self._buffer("enc", count // BLOCK_RAYS, 2 * len(self.grid.offsets), BLOCK_RAYS * samples)
-        hash_encode(x, self.table, *self._layout, enc)
-        return x, enc
-
-    def points(self, points: np.ndarray, width: int = 128) -> np.ndarray:
-        """(N, 3) world points -> (B, 2 L, width) features, the last block filled up with anything."""
-        x = self.box.contract(points)
-        blocks = -(-len(x) // width)
-        x = np.ascontiguousarray(np.concatenate([x, np.zeros((blocks * width - len(x), 3), np.float32)]).T)
-        enc = np.empty((blocks, 2 * len(self.grid.offsets), width), np.float32)
-        hash_encode(x, self.table, *self._layout, enc)
-        return enc
-
-    def table_gradient(self, x: np.ndarray, d_enc: np.ndarray) -> np.ndarray:
-        """Gradient of the table, in a buffer that the optimiser clears after use."""
-        gradient = self._buffer("gradient", *self.table.shape)
-        hash_encode_backward(x, d_enc, *self._layout, gradient)
-        return gradient
-
-    def ray_gradient(self, rays: Rays, middles: np.ndarray, x: np.ndarray, d_enc: np.ndarray) -> tuple:
-        """Gradients (R, 3) of origins and directions, the distances held fixed."""
-        d_x, d_o, d_d = np.empty_like(x), np.empty_like(rays.origins), np.empty_like(rays.directions)
-        hash_encode_points_backward(x, self.table, d_enc, *self._layout, d_x)
-        box = self.box
-        volume_rendering.ray_points_backward(
-            rays.origins, rays.directions, middles, box.center, box.half, np.float32(box.shell), d_x, d_o, d_d
-        )
-        return d_o, d_d
-
-
 class HashField:
-    """The field of Semantic Nerfacto and of Instant-NGP, on this machine's cores.
+    """Field of Semantic Nerfacto and of Instant-NGP, on the CPU.
 
     Args:
         settings: sizes and loss weights.
-        box: where the scene is.
+        box: region of full resolution.
         frames: number of training images, for the appearance embedding.
         classes: number of classes, 0 for a field without semantics.
         rng: initial values.
@@ -151,26 +82,25 @@ class HashField:
         values = initial_parameters(settings, grid, frames, classes, rng)
         self.parameters: Arrays = dict(values)
         self._values = values
-        self._encoder = Encoder(grid, box, values["table"])
+        self._encoder = HashEncoder(grid, box, values["table"])
         self._buffer = Buffers()
 
     def train(
-        self, rays: Rays, samples: Samples, targets: Targets, rng: np.random.Generator, rays_too: bool
-    ) -> Learned:
+        self, rays: Rays, samples: Samples, targets: Targets, rng: np.random.Generator, ray_gradients: bool
+    ) -> TrainOutput:
+        """Return losses and gradients of a batch; see :class:`~autonerf_lab.nerf.model.Field`."""
         s, count = self.settings, len(rays)
-        # a random colour behind the last bin: a field that stays transparent is never right
+        # A random colour behind the last bin: a field that stays transparent cannot fit it.
         background = rng.random((count, 3), dtype=np.float32)
-        scales = np.array(
-            [
-                1 / (3 * count),
-                s.semantic_weight / count,
-                s.distortion_weight / count,
-                s.turn,
-                s.min_weight,
-                s.depth_weight / count,
-            ],
-            np.float32,
+        scales = fused.Scales(
+            squared_error=np.float32(1 / (3 * count)),
+            cross_entropy=np.float32(s.semantic_weight / count),
+            distortion=np.float32(s.distortion_weight / count),
+            turn=np.float32(s.turn),
+            min_weight=np.float32(s.min_weight),
+            depth_error=np.float32(s.depth_weight / count),
         )
+        rays, samples, targets, background = _padded_batch(rays, samples, targets, background)
         x, enc, d_features, weights, _, sums, gradients = self._forward_backward(
             rays, samples, targets, background, scales, True
         )
@@ -183,30 +113,34 @@ class HashField:
         found: Arrays = dict(gradients)
         if s.appearance and rays.frames is not None:
             found["appearance"] = np.zeros_like(self._values["appearance"])
-            d_appearance = d_features.transpose(0, 2, 1).reshape(count, -1)[:, HARMONICS:]
+            d_appearance = d_features.transpose(0, 2, 1).reshape(len(rays), -1)[:, HARMONICS:]
             np.add.at(found["appearance"], rays.frames, d_appearance)
-        d_rays = self._ray_gradient(rays, samples, x, enc, d_features) if rays_too else (None, None)
+        d_rays = self._ray_gradient(rays, samples, x, enc, d_features, count) if ray_gradients else (None, None)
         found["table"] = self._encoder.table_gradient(x, enc)
-        return Learned(found, losses, weights, *d_rays)
+        return TrainOutput(found, losses, weights[:count], *d_rays)
 
-    def render(self, rays: Rays, samples: Samples) -> Rendered:
+    def render(self, rays: Rays, samples: Samples) -> RenderOutput:
+        """Render rays; see :class:`~autonerf_lab.nerf.model.Field`."""
         count = len(rays)
-        _, enc = self._encoder(rays, samples.middles)
+        rays, samples = _padded(rays, samples)
+        _, enc = self._encoder(rays, samples.midpoints)
         weights = np.empty_like(samples.starts)
-        color, depth = np.empty((count, 3), np.float32), np.empty(count, np.float32)
-        logits = np.empty((count, len(self._values["semantic_1"])), np.float32)
+        color, depth = np.empty((len(rays), 3), np.float32), np.empty(len(rays), np.float32)
+        logits = np.empty((len(rays), len(self._values["semantic_1"])), np.float32)
         fused.render_rays(
             self._matrices(), enc, self._ray_features(rays), samples.starts, samples.ends,
             np.float32(self.settings.min_weight), weights, color, logits, depth,
         )  # fmt: skip
-        return Rendered(color, logits, depth, weights)
+        return RenderOutput(color[:count], logits[:count], depth[:count], weights[:count])
 
     def density(self, points: np.ndarray) -> np.ndarray:
+        """Return densities at points; see :class:`~autonerf_lab.nerf.model.Field`."""
         return np.exp(
             np.minimum(self._geometry(points)[:, 0] + volume_rendering.LOG_SIGMA_START, volume_rendering.MAX_LOG_SIGMA)
         )
 
     def color(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Return colours at points; see :class:`~autonerf_lab.nerf.model.Field`."""
         p = self._values
         features = self._direction_features(directions, None)
         hidden = self._geometry(points) @ p["color_geometry"].T + features @ p["color_ray"].T
@@ -214,49 +148,66 @@ class HashField:
         return 1 / (1 + np.exp(-(hidden @ p["color_2"][:3].T)))
 
     def logits(self, points: np.ndarray) -> np.ndarray:
+        """Return class logits at points; see :class:`~autonerf_lab.nerf.model.Field`."""
         p = self._values
         return np.maximum(self._geometry(points) @ p["semantic_0"].T, 0) @ p["semantic_1"].T
 
     def ray_gradients(
         self, rays: Rays, samples: Samples, target: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return errors and gradients of rays; see :class:`~autonerf_lab.nerf.model.Field`."""
         count = len(rays)
-        targets = Targets(target, np.full(count, NO_LABEL), np.zeros(count, np.float32))
-        scales = np.array([1 / 3, 0, 0, self.settings.turn, self.settings.min_weight, 0], np.float32)
-        black = np.zeros((count, 3), np.float32)
+        rays, samples = _padded(rays, samples)
+        target, tiled = pad_rows(target), len(rays)
+        targets = Targets(target, np.full(tiled, NO_LABEL), np.full(tiled, NO_DEPTH, np.float32))
+        zero = np.float32(0)
+        turn, min_weight = np.float32(self.settings.turn), np.float32(self.settings.min_weight)
+        scales = fused.Scales(np.float32(1 / 3), zero, zero, turn, min_weight, zero)
+        black = np.zeros((tiled, 3), np.float32)
         x, enc, d_features, _, color, _, _ = self._forward_backward(rays, samples, targets, black, scales, False)
-        d_o, d_d = self._ray_gradient(rays, samples, x, enc, d_features)
-        return ((color - target) ** 2).mean(axis=1), d_o, d_d
+        d_o, d_d = self._ray_gradient(rays, samples, x, enc, d_features, count)
+        return ((color - target) ** 2).mean(axis=1)[:count], d_o, d_d
 
-    # ---- the pieces
-
-    def _matrices(self, semantic: bool = True) -> tuple[np.ndarray, ...]:
-        """In the kernels' order; without the semantic network as of a field that has none."""
-        *shared, semantic_0, semantic_1 = (self._values[name] for name in MATRICES)
-        return (*shared, semantic_0, semantic_1) if semantic else (*shared, semantic_0[:0], semantic_1[:0, :0])
+    def _matrices(self, semantic: bool = True) -> fused.FieldMatrices:
+        """Return the weight matrices; without ``semantic``, those of a field that has no semantic network."""
+        matrices = fused.FieldMatrices(*(self._values[name] for name in fused.FieldMatrices._fields))
+        if semantic:
+            return matrices
+        return matrices._replace(semantic_0=matrices.semantic_0[:0], semantic_1=matrices.semantic_1[:0, :0])
 
     def _forward_backward(
-        self, rays: Rays, samples: Samples, targets: Targets, background: np.ndarray, scales: np.ndarray, learn: bool
+        self,
+        rays: Rays,
+        samples: Samples,
+        targets: Targets,
+        background: np.ndarray,
+        scales: fused.Scales,
+        learn: bool,
     ) -> tuple:
-        """Points, gradients of their features, of the rays' features; weights, colours, sums of losses, gradients."""
-        x, enc = self._encoder(rays, samples.middles)
+        """Run the training kernel on whole tiles of rays.
+
+        Returns:
+            contracted points; gradients of their encoding; gradients of the rays' features; weights; colours; sums of
+            the losses; gradients of the matrices by name.
+        """
+        x, enc = self._encoder(rays, samples.midpoints)
         features = self._ray_features(rays)
         d_features, weights = (
             self._buffer("d features", *features.shape),
             self._buffer("weights", *samples.starts.shape),
         )
         color, sums = self._buffer("color", len(rays), 3), np.zeros((CHUNKS, 5))
-        matrices = self._matrices(semantic=learn)  # a pose is found by its colours
-        gradients = tuple(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices)
+        matrices = self._matrices(semantic=learn)  # pose refinement uses colours only
+        gradients = fused.FieldMatrices(*(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices))
         fused.train_rays(
             matrices, transposed(matrices), gradients, enc, features, samples.starts, samples.ends,
             targets.color, targets.labels, targets.depth, background, scales, learn, d_features, weights, color, sums,
         )  # fmt: skip
-        summed = {name: value.sum(axis=0) for name, value in zip(MATRICES, gradients, strict=True)}
+        summed = {name: value.sum(axis=0) for name, value in gradients._asdict().items()}
         return x, enc, d_features, weights, color, sums, summed
 
     def _direction_features(self, directions: np.ndarray, frames: np.ndarray | None) -> np.ndarray:
-        """(N, 3) unit directions and (N,) images -> (N, F) harmonics and embeddings, the mean one of no image."""
+        """Return (N, F) harmonics and embeddings of (N, 3) unit directions in (N,) images; mean embedding for None."""
         harmonics = spherical_harmonics(directions.astype(np.float32, copy=False))
         if not self.settings.view_dependent:
             harmonics[:, 1:] = 0
@@ -268,35 +219,60 @@ class HashField:
         return np.concatenate([harmonics, embedding], axis=1)
 
     def _ray_features(self, rays: Rays) -> np.ndarray:
-        """(R / BLOCK_RAYS, F, BLOCK_RAYS)."""
+        """Return the (R / TILE_RAYS, F, TILE_RAYS) features of whole tiles of rays."""
         features = self._direction_features(rays.directions, rays.frames)
-        return np.ascontiguousarray(features.reshape(-1, BLOCK_RAYS, features.shape[1]).transpose(0, 2, 1))
+        return np.ascontiguousarray(features.reshape(-1, TILE_RAYS, features.shape[1]).transpose(0, 2, 1))
 
     def _ray_gradient(
-        self, rays: Rays, samples: Samples, x: np.ndarray, d_enc: np.ndarray, d_features: np.ndarray
+        self, rays: Rays, samples: Samples, x: np.ndarray, d_enc: np.ndarray, d_features: np.ndarray, count: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        d_o, d_d = self._encoder.ray_gradient(rays, samples.middles, x, d_enc)
+        """Return the gradients of origins and directions of the first ``count`` rays."""
+        d_o, d_d = self._encoder.ray_gradient(rays, samples.midpoints, x, d_enc)
         if self.settings.view_dependent:
             d_harmonics = d_features.transpose(0, 2, 1).reshape(len(rays), -1)[:, :HARMONICS]
             directions = torch.from_numpy(rays.directions).requires_grad_()
             harmonics = spherical_harmonics(directions)
             upstream = torch.from_numpy(np.ascontiguousarray(d_harmonics))
             d_d += torch.autograd.grad(harmonics, directions, upstream)[0].numpy()
-        return d_o, d_d
+        return d_o[:count], d_d[:count]
 
     def _geometry(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) world points -> (N, 16) float32 outputs of the density network; the first is the log density."""
+        """Return (N, 16) float32 outputs of the density network at (N, 3) points; column 0 is the log density."""
         out = np.empty((len(points), GEOMETRY), np.float32)
-        piece = 1 << 17
-        for first in range(0, len(points), piece):
-            enc = self._encoder.points(points[first : first + piece])
+        chunk = 1 << 17
+        for first in range(0, len(points), chunk):
+            enc = self._encoder.points(points[first : first + chunk])
             g = np.empty((len(enc), GEOMETRY, enc.shape[2]), np.float32)
-            fused.geometry_features(self._matrices()[:2], enc, g)
-            count = min(piece, len(points) - first)
+            fused.geometry_features(self._matrices(), enc, g)
+            count = min(chunk, len(points) - first)
             out[first : first + count] = g.transpose(0, 2, 1).reshape(-1, GEOMETRY)[:count]
         return out
 
 
-def transposed(matrices: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-    """Copies, for the kernels' way back."""
-    return tuple(np.ascontiguousarray(m.T) for m in matrices)
+def transposed(matrices: Matrices) -> Matrices:
+    """Return a named tuple with transposed copies, for the backward pass of the kernels."""
+    return type(matrices)(*(np.ascontiguousarray(m.T) for m in matrices))
+
+
+def _padded(rays: Rays, samples: Samples) -> tuple[Rays, Samples]:
+    """Repeat the last ray and its samples until the rays fill whole tiles."""
+    if len(rays) % TILE_RAYS == 0:
+        return rays, samples
+    frames = None if rays.frames is None else pad_rows(rays.frames)
+    padded = Rays(pad_rows(rays.origins), pad_rows(rays.directions), frames)
+    return padded, Samples(pad_rows(samples.starts), pad_rows(samples.ends))
+
+
+def _padded_batch(
+    rays: Rays, samples: Samples, targets: Targets, background: np.ndarray
+) -> tuple[Rays, Samples, Targets, np.ndarray]:
+    """Pad a training batch to whole tiles by rays without loss and gradient: empty bins before a known background."""
+    count = len(rays)
+    if count % TILE_RAYS == 0:
+        return rays, samples, targets, background
+    rays, samples = _padded(rays, samples)
+    background, color = pad_rows(background), pad_rows(targets.color)
+    labels, depth = pad_rows(targets.labels), pad_rows(targets.depth)
+    samples.starts[count:] = samples.ends[count:]
+    color[count:], labels[count:], depth[count:] = background[count:], NO_LABEL, NO_DEPTH
+    return rays, samples, Targets(color, labels, depth), background

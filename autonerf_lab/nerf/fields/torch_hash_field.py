@@ -1,4 +1,4 @@
-"""Hash encoding and small networks in torch: the reference of :mod:`autonerf_lab.nerf.fields.hash_field`, for CUDA."""
+"""Hash encoding and small networks in torch: reference of :mod:`autonerf_lab.nerf.fields.hash_field`, and for CUDA."""
 
 import numpy as np
 import torch
@@ -11,7 +11,12 @@ from autonerf_lab.nerf.settings import HashSettings
 
 
 class TorchHashField(TorchField):
-    """Same parameters, same values as :class:`~autonerf_lab.nerf.fields.hash_field.HashField`."""
+    """Field with the parameters and values of :class:`~autonerf_lab.nerf.fields.hash_field.HashField`, by autograd.
+
+    Args:
+        settings, box, frames, classes, rng: as for :class:`~autonerf_lab.nerf.fields.hash_field.HashField`.
+        device: a torch device.
+    """
 
     settings: HashSettings
 
@@ -30,6 +35,7 @@ class TorchHashField(TorchField):
     def forward(
         self, points: torch.Tensor, directions: torch.Tensor, frames: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Evaluate the networks at points on rays; see the base class."""
         p = self.parameters
         x = hash_encode(self.box.contract_tensor(points).flatten(0, 1), p["table"], self.grid)
         geometry = (torch.relu(x @ p["density_0"].T) @ p["density_1"].T).unflatten(0, points.shape[:2])

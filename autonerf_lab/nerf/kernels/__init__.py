@@ -1,1 +1,1 @@
-"""The CPU's inner loops, compiled by numba."""
+"""Compiled numba kernels for training and rendering on the CPU."""

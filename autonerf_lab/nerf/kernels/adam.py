@@ -1,16 +1,16 @@
-"""The optimiser's inner loop."""
+"""Inner loop of the Adam optimiser (Kingma and Ba 2015)."""
 
 import numpy as np
 from numba import njit, prange
 
 from autonerf_lab.nerf.kernels.tiling import ONE, ZERO
 
-SMALL = 1 << 16  # values that one thread updates before another has woken up
+SERIAL_SIZE = 1 << 16  # values; up to this size one thread is faster than waking the others
 
 
 @njit(inline="always")
 def _update(i, p, g, m, v, rate, beta1, beta2, eps, correct1, correct2):
-    # a factor, not a branch: the compiler makes vectors of it
+    # A factor instead of a branch, so that the compiler can vectorise the loop.
     touched = ONE if g[i] != ZERO else ZERO
     m[i] += touched * (ONE - beta1) * (g[i] - m[i])
     v[i] += touched * (ONE - beta2) * (g[i] * g[i] - v[i])
@@ -31,10 +31,15 @@ def _adam_small(p, g, m, v, rate, beta1, beta2, eps, correct1, correct2):
 
 
 def adam(p, g, m, v, rate, beta1, beta2, eps, step):
-    """One Adam update of flat float32 arrays, in place; ``g`` is cleared.
+    """Update flat float32 arrays in place by one Adam step, and clear ``g``.
 
-    An entry without gradient is left alone, moments included: most of a hash table is not touched by a batch.
+    Entries with zero gradient keep their value and moments, because a batch touches few entries of a hash table.
+
+    Args:
+        p, g, m, v: (N,) parameters, gradients, first and second moments.
+        rate, beta1, beta2, eps: float32 learning rate and constants of Adam.
+        step: number of this update, from 1; for the bias correction.
     """
     correct1, correct2 = np.float32(1 / (1 - beta1**step)), np.float32(1 / (1 - beta2**step))
-    run = _adam_large if len(p) > SMALL else _adam_small
+    run = _adam_large if len(p) > SERIAL_SIZE else _adam_small
     run(p, g, m, v, rate, beta1, beta2, eps, correct1, correct2)

@@ -1,21 +1,22 @@
-"""Dense layers for blocks that stay in the cache: activations are (features, samples), features a multiple of four.
+"""Dense layers for tiles that stay in the cache.
 
-Buffers are allocated once for the largest block; ``n`` says how many of their columns are in use.
+Activations are (features, samples) with a multiple of four features. Buffers are allocated once for the largest tile;
+``n`` is the number of columns in use.
 
-The sums of a tile, four features of LANES samples, stay in registers while the inputs stream past, which is what makes
-these thin products reach most of the machine's peak: a library call pays more for its set-up than for the work.
-Constants are float32 because one int or double makes it all double.
+The sums of four features of SIMD_WIDTH samples stay in registers while the inputs stream past. This makes such thin
+products reach most of the machine's peak; a library call spends more time on its set-up than on the product.
+Constants are float32, because one int or double would make the whole expression double.
 """
 
 from numba import njit
 
 from autonerf_lab.nerf.kernels.simd import load, multiply_add, positive, store, zeros
-from autonerf_lab.nerf.kernels.tiling import LANES, ZERO
+from autonerf_lab.nerf.kernels.tiling import SIMD_WIDTH, ZERO
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def _product(weights, x, j, s, sums):
-    """Adds to the sums of a tile, rows j to j + 3 and LANES samples from s, its product."""
+    """Add ``weights[j : j + 4] @ x[:, s : s + SIMD_WIDTH]`` to four vectors of sums and return them."""
     a0, a1, a2, a3 = sums
     for k in range(weights.shape[1]):
         values = load(x, k, s)
@@ -37,16 +38,16 @@ def _store(y, j, s, sums):
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def dense(weights, x, y, n):
-    """Y = weights @ x, for weights (J, K), x (K, n), y (J, n); J a multiple of 4, n of LANES."""
-    for s in range(0, n, LANES):
+    """Write ``y = weights @ x``: weights (J, K), x (K, n), y (J, n), J a multiple of 4, n of SIMD_WIDTH."""
+    for s in range(0, n, SIMD_WIDTH):
         for j in range(0, weights.shape[0], 4):
             _store(y, j, s, _product(weights, x, j, s, (zeros(), zeros(), zeros(), zeros())))
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def dense_add(weights, x, y, n):
-    """Y += weights @ x."""
-    for s in range(0, n, LANES):
+    """Add ``weights @ x`` to y; shapes as in :func:`dense`."""
+    for s in range(0, n, SIMD_WIDTH):
         for j in range(0, weights.shape[0], 4):
             before = load(y, j, s), load(y, j + 1, s), load(y, j + 2, s), load(y, j + 3, s)
             _store(y, j, s, _product(weights, x, j, s, before))
@@ -54,11 +55,11 @@ def dense_add(weights, x, y, n):
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def weight_gradient(dy, x, dw, n):
-    """Dw += dy @ x.T, for dy (J, n), x (K, n), dw (J, K); J a multiple of 4, K of 2."""
+    """Add ``dy @ x.T`` to dw: dy (J, n), x (K, n), dw (J, K), J a multiple of 4, K of 2."""
     rows, cols = dw.shape
     for j in range(0, rows, 4):
         for k in range(0, cols, 2):
-            # eight sums and six factors fit the 16 registers of AVX2; with more sums the compiler spills them
+            # Eight sums and six factors fit the 16 registers of AVX2; with more sums the compiler spills them.
             a00 = a01 = a10 = a11 = a20 = a21 = a30 = a31 = ZERO
             for s in range(n):
                 d0, d1, d2, d3 = dy[j, s], dy[j + 1, s], dy[j + 2, s], dy[j + 3, s]
@@ -83,15 +84,15 @@ def weight_gradient(dy, x, dw, n):
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def relu(x, n):
-    """In place."""
+    """Apply a ReLU to the first n columns of x in place."""
     for j in range(x.shape[0]):
-        for s in range(0, n, LANES):
+        for s in range(0, n, SIMD_WIDTH):
             store(x, j, s, positive(load(x, j, s)))
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def relu_backward(y, dy, n):
-    """Dy is cleared where the output y of the relu was not positive."""
+    """Clear dy where the output y of the ReLU is not positive."""
     for j in range(y.shape[0]):
         for s in range(n):
             dy[j, s] = dy[j, s] if y[j, s] > ZERO else ZERO

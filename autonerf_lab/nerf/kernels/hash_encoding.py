@@ -1,10 +1,10 @@
 """Multi-resolution hash encoding on the CPU (Müller et al. 2022, section 3), forward and backward.
 
-Same numbers as :mod:`autonerf_lab.nerf.encodings`, many times faster. Features come in blocks, (B, 2 L, W): block b
-holds the points [b W, (b + 1) W) feature-major, which is what the fused kernels read. The rows of a block's corners are
-found first, in 32-bit integers, which the compiler turns into vectors; the table is then read in a loop that does
-nothing else. Forward runs in parallel over points; the backward scatter runs in parallel over levels, each owned by one
-thread: no two threads add to one address, and the sum is the same bits on any number of threads.
+Same values as :mod:`autonerf_lab.nerf.encodings`, many times faster. Features come in tiles, (B, 2 L, W): tile b holds
+the points [b W, (b + 1) W) feature-major, the layout of the fused kernels. The table rows of a tile's corners are found
+first, in 32-bit integers, which the compiler vectorises; a separate loop then reads the table. The forward pass is
+parallel over points. The backward scatter is parallel over levels, each owned by one thread: no two threads add to one
+address, and the sum has the same bits on any number of threads.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ ORIGIN, NEXT = np.int32(0), np.uint32(1)
 
 @njit(inline="always")
 def _locate(x, resolution):
-    """Cell and position inside it along one axis; x = 1 belongs to the last cell."""
+    """Return the cell and the position inside it along one axis; x = 1 belongs to the last cell."""
     scaled = x * np.float32(resolution)
     cell = min(max(np.int32(scaled), ORIGIN), np.int32(resolution - 1))
     return np.uint32(cell), scaled - np.float32(cell)
@@ -27,13 +27,15 @@ def _locate(x, resolution):
 
 @njit(inline="always")
 def _corners(x, first, resolution, mask, rows, inside):
-    """Where the corners of the cells of a block of points are in the table of a level.
+    """Write the table rows of the cell corners of a tile of points, for one level.
 
-    A level that fits its table (mask 0) is indexed as a plain 3-D grid, another one by the spatial hash. The two are
-    loops of their own: with a branch inside, the compiler would not make vectors of them.
+    A level that fits its table (mask 0) is indexed as a plain 3-D grid, any other by the spatial hash. The two cases
+    are separate loops: with a branch inside, the compiler would not vectorise them.
 
     Args:
-        x: (3, N) float32 in [0, 1]; the block's begin at ``first``.
+        x: (3, N) float32 in [0, 1].
+        first: index of the tile's first point.
+        resolution, mask: of the level, see :func:`hash_encode`.
         rows: (8, W) uint32, written: corners with x fastest and z slowest.
         inside: (3, W) float32, written: position in the cell.
     """
@@ -73,6 +75,7 @@ def _corners(x, first, resolution, mask, rows, inside):
 
 @njit(inline="always")
 def _interpolate(entries, k, rows, inside, n):
+    """Return feature k of point n by trilinear interpolation."""
     fx, fy, fz = inside[0, n], inside[1, n], inside[2, n]
     gx, gy, gz = ONE - fx, ONE - fy, ONE - fz
     return (
@@ -85,54 +88,54 @@ def _interpolate(entries, k, rows, inside, n):
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def hash_encode(x, table, offsets, resolutions, masks, out):
-    """Features of points.
+    """Write the features of points.
 
     Args:
         x: (3, N) float32 in [0, 1].
-        table: (entries, 2) float32, all levels one after the other.
+        table: (entries, 2) float32, the levels in sequence.
         offsets: (L,) int64, first entry of each level.
         resolutions: (L, 3) int64, cells along each axis.
         masks: (L,) int64, table size - 1 where the level is hashed, 0 where it is dense.
         out: (B, 2 L, W) float32 with B W = N, written.
     """
-    levels, blocks, width = resolutions.shape[0], out.shape[0], out.shape[2]
-    # a chunk stays on one level for a while, so that the level's table stays in the cache; even, for two threads
-    chunks = 2 * max(1, blocks * width // 32768)
-    per_chunk = (blocks + chunks - 1) // chunks
+    levels, tiles, width = resolutions.shape[0], out.shape[0], out.shape[2]
+    # A chunk stays on one level, so that the level's table stays in the cache. An even number suits two threads.
+    chunks = 2 * max(1, tiles * width // 32768)
+    per_chunk = (tiles + chunks - 1) // chunks
     for job in prange(chunks * levels):
         level, first = job % levels, (job // levels) * per_chunk
         rows, inside = np.empty((8, width), np.uint32), np.empty((3, width), np.float32)
         entries = table[offsets[level] :]
-        for block in range(first, min(first + per_chunk, blocks)):
-            _corners(x, block * width, resolutions[level], masks[level], rows, inside)
-            out_0, out_1 = out[block, 2 * level], out[block, 2 * level + 1]
+        for tile in range(first, min(first + per_chunk, tiles)):
+            _corners(x, tile * width, resolutions[level], masks[level], rows, inside)
+            out_0, out_1 = out[tile, 2 * level], out[tile, 2 * level + 1]
             for n in range(width):
-                # both before one is written, which for all the compiler knows changes the table
+                # Compute both values before writing one: the compiler must assume that a write changes the table.
                 value_0, value_1 = _interpolate(entries, 0, rows, inside, n), _interpolate(entries, 1, rows, inside, n)
                 out_0[n], out_1[n] = value_0, value_1
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def hash_encode_backward(x, d_out, offsets, resolutions, masks, d_table):
-    """Adds the gradient of the table.
+    """Add the gradient of the table.
 
     Args:
         x, offsets, resolutions, masks: as in :func:`hash_encode`.
-        d_out: (B, 2 L, W) float32, gradient of its output.
+        d_out: (B, 2 L, W) float32, gradient of the features.
         d_table: (entries, 2) float32, added to.
     """
-    levels, blocks, width = resolutions.shape[0], d_out.shape[0], d_out.shape[2]
+    levels, tiles, width = resolutions.shape[0], d_out.shape[0], d_out.shape[2]
     half = (levels + 1) // 2
     for job in prange(levels):
-        # every second level first: threads get runs of jobs, and coarse levels, which fit the cache, are quick
+        # Every second level first: threads get runs of jobs, and coarse levels, which fit the cache, are faster.
         level = 2 * job if job < half else 2 * (job - half) + 1
         rows, inside = np.empty((8, width), np.uint32), np.empty((3, width), np.float32)
         entries = d_table[offsets[level] :]
-        for block in range(blocks):
-            _corners(x, block * width, resolutions[level], masks[level], rows, inside)
+        for tile in range(tiles):
+            _corners(x, tile * width, resolutions[level], masks[level], rows, inside)
             for n in range(width):
-                ga, gb = d_out[block, 2 * level, n], d_out[block, 2 * level + 1, n]
-                if ga == ZERO and gb == ZERO:  # a sample that was not active
+                ga, gb = d_out[tile, 2 * level, n], d_out[tile, 2 * level + 1, n]
+                if ga == ZERO and gb == ZERO:  # an inactive sample
                     continue
                 fx, fy, fz = inside[0, n], inside[1, n], inside[2, n]
                 gx, gy, gz = ONE - fx, ONE - fy, ONE - fz
@@ -147,20 +150,20 @@ def hash_encode_backward(x, d_out, offsets, resolutions, masks, d_table):
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def hash_encode_points_backward(x, table, d_out, offsets, resolutions, masks, d_x):
-    """Gradient of the points, which pose refinement needs.
+    """Write the gradient of the points, for pose refinement.
 
     Args:
         x, table, offsets, resolutions, masks: as in :func:`hash_encode`.
-        d_out: (B, 2 L, W) float32, gradient of its output.
+        d_out: (B, 2 L, W) float32, gradient of the features.
         d_x: (3, N) float32, written.
     """
     levels, width = resolutions.shape[0], d_out.shape[2]
-    for block in prange(d_out.shape[0]):
+    for tile in prange(d_out.shape[0]):
         rows, inside = np.empty((8, width), np.uint32), np.empty((3, width), np.float32)
         v = np.empty(8, np.float32)
-        d_x[:, block * width : (block + 1) * width] = ZERO
+        d_x[:, tile * width : (tile + 1) * width] = ZERO
         for level in range(levels):
-            _corners(x, block * width, resolutions[level], masks[level], rows, inside)
+            _corners(x, tile * width, resolutions[level], masks[level], rows, inside)
             entries = table[offsets[level] :]
             rx, ry, rz = (
                 np.float32(resolutions[level, 0]),
@@ -168,14 +171,14 @@ def hash_encode_points_backward(x, table, d_out, offsets, resolutions, masks, d_
                 np.float32(resolutions[level, 2]),
             )
             for n in range(width):
-                ga, gb = d_out[block, 2 * level, n], d_out[block, 2 * level + 1, n]
+                ga, gb = d_out[tile, 2 * level, n], d_out[tile, 2 * level + 1, n]
                 if ga == ZERO and gb == ZERO:
                     continue
                 fx, fy, fz = inside[0, n], inside[1, n], inside[2, n]
                 gx, gy, gz = ONE - fx, ONE - fy, ONE - fz
                 for k in range(8):
                     v[k] = ga * entries[rows[k, n], 0] + gb * entries[rows[k, n], 1]
-                at = block * width + n
+                at = tile * width + n
                 d_x[0, at] += rx * (
                     gy * gz * (v[1] - v[0])
                     + fy * gz * (v[3] - v[2])

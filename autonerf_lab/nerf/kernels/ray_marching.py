@@ -1,32 +1,32 @@
-"""Marching rays through an occupancy grid (Müller et al. 2022, appendix E)."""
+"""Ray marching through an occupancy grid (Müller et al. 2022, appendix E)."""
 
 import numpy as np
 from numba import njit, prange
 
 from autonerf_lab.nerf.kernels.tiling import ONE, ZERO
 
-OPAQUE = np.float32(1e-2)  # share of the light below which nothing behind matters
+OPAQUE = np.float32(1e-2)  # transmittance below which a ray may stop
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def occupied_bins(
     rays_o, rays_d, edges, center, half, shell, density, threshold, reach, jitter, starts, ends
 ):  # fmt: skip
-    """S bins of equal length in the occupied stretches of each ray.
+    """Place S bins of equal length in the occupied segments of each ray.
 
-    A ray ends where, by the grid's densities, no light is left; but a cell says that something in it is opaque, not
-    that all of it is, so that a ray which only grazes an edge goes on for ``reach`` metres of occupied space. A ray
-    through empty space alone is divided as a whole.
+    A ray ends where its transmittance, by the densities of the grid, falls below :data:`OPAQUE`, but not before it has
+    crossed ``reach`` metres of occupied space: a dense cell need not be dense everywhere, and a ray that grazes an edge
+    must continue. A ray that crosses no occupied cell is divided over its whole length.
 
     Args:
         rays_o, rays_d: (R, 3) float32, unit directions.
-        edges: (R, P + 1) distances of the steps that ask the grid, metres.
-        center, half, shell: of the box, as in :func:`~autonerf_lab.nerf.kernels.volume_rendering.ray_points`.
-        density: (X, Y, Z) of the grid over the contracted cube, per metre.
-        threshold: density from which a cell is occupied.
-        reach: metres.
-        jitter: (R,) in [0, 1), where in each bin's place its middle falls; 0.5 for evaluation.
-        starts, ends: (R, S), written.
+        edges: (R, P + 1) distances between which the grid is queried, metres.
+        center, half, shell: scene box, as in :func:`~autonerf_lab.nerf.kernels.volume_rendering.ray_points`.
+        density: (X, Y, Z) float32 grid over the contracted cube, per metre.
+        threshold: smallest density of an occupied cell, per metre.
+        reach: smallest length of occupied space that a ray crosses, metres.
+        jitter: (R,) in [0, 1), shift of the bin midpoints; 0.5 for evaluation.
+        starts, ends: (R, S), written, metres.
     """
     steps, count = edges.shape[1] - 1, starts.shape[1]
     for r in prange(rays_o.shape[0]):
@@ -51,7 +51,7 @@ def occupied_bins(
                 continue
             length = edges[r, i + 1] - edges[r, i]
             while k < count:
-                # the middle of bin k, counted in metres of occupied space
+                # midpoint of bin k, in metres of occupied space
                 wanted = (np.float32(k) + np.float32(0.25) + np.float32(0.5) * jitter[r]) * width
                 if wanted > passed + length:
                     break
@@ -59,7 +59,7 @@ def occupied_bins(
                 starts[r, k], ends[r, k] = middle - np.float32(0.5) * width, middle + np.float32(0.5) * width
                 k += 1
             passed += length
-        while k < count:  # rounding at the very end
+        while k < count:  # by rounding, bins may be left at the end of the ray
             starts[r, k], ends[r, k] = edges[r, steps], edges[r, steps]
             k += 1
 

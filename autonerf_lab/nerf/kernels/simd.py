@@ -1,7 +1,7 @@
-"""Vectors of LANES float32, for kernels that say what stays in registers instead of hoping that the compiler finds it.
+"""Vectors of SIMD_WIDTH float32 values, which let a kernel state which values stay in registers.
 
-LLVM fits them to the machine: one register of AVX-512, two of AVX2, four of SSE or NEON. Matrices are C-contiguous and
-float32, another type does not compile; the LANES columns from ``column`` on have to exist.
+LLVM maps a vector to the registers of the machine: one of AVX-512, two of AVX2, four of SSE or NEON. Matrices must be
+C-contiguous and float32 (other types do not compile), and the columns ``column`` to ``column + SIMD_WIDTH`` must exist.
 """
 
 from llvmlite import ir
@@ -9,32 +9,32 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
-from autonerf_lab.nerf.kernels.tiling import LANES
+from autonerf_lab.nerf.kernels.tiling import SIMD_WIDTH
 
 _FLOAT, _INDEX = ir.FloatType(), ir.IntType(32)
-_VECTOR = ir.VectorType(_FLOAT, LANES)
-_ALIGNED = 4  # bytes: a row begins anywhere
-_FAST = ("fast",)  # a product and a sum may become one instruction
+_VECTOR = ir.VectorType(_FLOAT, SIMD_WIDTH)
+_ALIGNED = 4  # bytes: a row may begin at any float
+_FAST = ("fast",)  # a product and a sum may be fused into one instruction
 
 
-class _Lanes(types.Type):
+class _Vector(types.Type):
     def __init__(self) -> None:
-        super().__init__(name=f"float32x{LANES}")
+        super().__init__(name=f"float32x{SIMD_WIDTH}")
 
 
-_lanes = _Lanes()
+_vector = _Vector()
 
 
-@register_model(_Lanes)
-class _LanesModel(models.PrimitiveModel):
+@register_model(_Vector)
+class _VectorModel(models.PrimitiveModel):
     def __init__(self, dmm, fe_type):
         super().__init__(dmm, fe_type, _VECTOR)
 
 
 def _address(context, builder, array_type, array, row, column):
     matrix = context.make_array(array_type)(context, builder, array)
-    place = builder.add(builder.mul(row, builder.extract_value(matrix.shape, 1)), column)
-    return builder.bitcast(builder.gep(matrix.data, [place]), _VECTOR.as_pointer())
+    offset = builder.add(builder.mul(row, builder.extract_value(matrix.shape, 1)), column)
+    return builder.bitcast(builder.gep(matrix.data, [offset]), _VECTOR.as_pointer())
 
 
 def _is_matrix(array) -> bool:
@@ -43,52 +43,52 @@ def _is_matrix(array) -> bool:
 
 @intrinsic
 def zeros(typing):
-    """LANES zeros."""
-    return _lanes(), lambda context, builder, signature, args: ir.Constant(_VECTOR, [0.0] * LANES)
+    """Return a vector of zeros."""
+    return _vector(), lambda context, builder, signature, args: ir.Constant(_VECTOR, [0.0] * SIMD_WIDTH)
 
 
 @intrinsic
 def load(typing, array, row, column):
-    """``array[row, column : column + LANES]``."""
+    """Return ``array[row, column : column + SIMD_WIDTH]``."""
 
     def code(context, builder, signature, args):
         return builder.load(_address(context, builder, array, *args), align=_ALIGNED)
 
-    return (_lanes(array, types.intp, types.intp), code) if _is_matrix(array) else None
+    return (_vector(array, types.intp, types.intp), code) if _is_matrix(array) else None
 
 
 @intrinsic
 def store(typing, array, row, column, value):
-    """``array[row, column : column + LANES] = value``."""
+    """Set ``array[row, column : column + SIMD_WIDTH] = value``."""
 
     def code(context, builder, signature, args):
         builder.store(args[3], _address(context, builder, array, *args[:3]), align=_ALIGNED)
         return context.get_dummy_value()
 
-    return (types.void(array, types.intp, types.intp, _lanes), code) if _is_matrix(array) else None
+    return (types.void(array, types.intp, types.intp, _vector), code) if _is_matrix(array) else None
 
 
 @intrinsic
-def multiply_add(typing, factor, lanes, total):
-    """``factor * lanes + total``; the factor is a number."""
+def multiply_add(typing, factor, vector, total):
+    """Return ``factor * vector + total`` for a scalar factor."""
 
     def code(context, builder, signature, args):
-        nothing = ir.Constant(_VECTOR, ir.Undefined)
-        first = builder.insert_element(nothing, args[0], ir.Constant(_INDEX, 0))
-        everywhere = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
-        factors = builder.shuffle_vector(first, nothing, everywhere)
+        undefined = ir.Constant(_VECTOR, ir.Undefined)
+        first = builder.insert_element(undefined, args[0], ir.Constant(_INDEX, 0))
+        zero_mask = ir.Constant(ir.VectorType(_INDEX, SIMD_WIDTH), [0] * SIMD_WIDTH)
+        factors = builder.shuffle_vector(first, undefined, zero_mask)
         return builder.fadd(builder.fmul(factors, args[1], flags=_FAST), args[2], flags=_FAST)
 
-    return _lanes(types.float32, _lanes, _lanes), code
+    return _vector(types.float32, _vector, _vector), code
 
 
 @intrinsic
-def positive(typing, lanes):
-    """What of ``lanes`` is positive, and 0 for the rest."""
+def positive(typing, vector):
+    """Return the element-wise maximum of ``vector`` and 0."""
 
     def code(context, builder, signature, args):
         kind = ir.FunctionType(_VECTOR, [_VECTOR, _VECTOR])
-        larger = cgutils.get_or_insert_function(builder.module, kind, f"llvm.maxnum.v{LANES}f32")
-        return builder.call(larger, [args[0], ir.Constant(_VECTOR, [0.0] * LANES)], fastmath=_FAST)
+        maximum = cgutils.get_or_insert_function(builder.module, kind, f"llvm.maxnum.v{SIMD_WIDTH}f32")
+        return builder.call(maximum, [args[0], ir.Constant(_VECTOR, [0.0] * SIMD_WIDTH)], fastmath=_FAST)
 
-    return _lanes(_lanes), code
+    return _vector(_vector), code

@@ -1,10 +1,10 @@
-"""Volume rendering along one ray, forward and backward: the loops that the fused kernels are made of.
+"""Volume rendering along one ray, forward and backward: the building blocks of the fused kernels.
 
 For bins with densities sigma_i and lengths delta_i (section 3.2 of the paper, after Max 1995)::
 
     alpha_i = 1 - exp(-sigma_i delta_i)        T_i = prod_{j < i} (1 - alpha_j)        w_i = T_i alpha_i
 
-References with the same names in torch: :mod:`autonerf_lab.nerf.rendering`.
+Torch references with the same names: :mod:`autonerf_lab.nerf.rendering`.
 """
 
 import numpy as np
@@ -12,24 +12,25 @@ from numba import njit, prange
 
 from autonerf_lab.nerf.kernels.tiling import ONE
 
-# A fresh network answers 0: the scene starts as thin fog, so that every ray reaches its wall.
+# Added to the output of the density network, which starts near 0: the initial density is low enough for rays to reach
+# the walls.
 LOG_SIGMA_START = np.float32(-2.5)
-MAX_LOG_SIGMA = np.float32(9.6)  # nothing needs to be more opaque, and float32 stays finite
+MAX_LOG_SIGMA = np.float32(9.6)  # upper limit of the log density, so that float32 stays finite
 
 
 @njit(inline="always")
 def density_from_raw(raw):
-    """Density per metre from a network's first output."""
+    """Return the density per metre for the first output of a density network."""
     return np.exp(min(raw + LOG_SIGMA_START, MAX_LOG_SIGMA))
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def ray_weights(raw, starts, ends, weights):
-    """Weights of one ray from the network's outputs; returns the light that passes all bins.
+    """Write the weights of one ray and return the transmittance behind the last bin.
 
     Args:
-        raw: (S,) first outputs of a density network.
-        starts, ends: (S,) distances along the ray, metres; between two bins there is nothing.
+        raw: (S,) first outputs of a density network (log density).
+        starts, ends: (S,) distances along the ray, metres; space between two bins is empty.
         weights: (S,), written.
     """
     transmittance = ONE
@@ -42,7 +43,9 @@ def ray_weights(raw, starts, ends, weights):
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def ray_weights_backward(raw, starts, ends, weights, left, d_weights, d_left, d_raw):
-    """Gradient of the raw densities; ``left`` is what :func:`ray_weights` returned, ``d_left`` its gradient.
+    """Write the gradient of the raw densities.
+
+    ``left`` is the transmittance that :func:`ray_weights` returned, ``d_left`` its gradient.
 
     With A_i = T_{i+1} dL/dw_i - sum_{j > i} w_j dL/dw_j - left dL/dleft: dL/dsigma_i = delta_i A_i.
     """
@@ -59,7 +62,7 @@ def ray_weights_backward(raw, starts, ends, weights, left, d_weights, d_left, d_
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def median_depth(starts, ends, weights):
-    """Distance at which half of the collected weight lies in front."""
+    """Return the distance at which half of the total weight is reached, linear inside a bin."""
     half = np.float32(0.5) * weights.sum()
     passed = np.float32(0.0)
     for i in range(weights.shape[0]):
@@ -72,21 +75,22 @@ def median_depth(starts, ends, weights):
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def warp(t, turn):
-    """Distance -> s in [0, 1): linear up to ``turn`` metres (half of the range), then linear in disparity."""
+    """Map a distance to s in [0, 1): linear up to ``turn`` metres (s = 0.5), then linear in disparity."""
     return np.float32(0.5) * t / turn if t < turn else ONE - np.float32(0.5) * turn / t
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def unwarp(s, turn):
-    """The inverse of :func:`warp`."""
+    """Invert :func:`warp`."""
     return np.float32(2.0) * s * turn if s < 0.5 else np.float32(0.5) * turn / (ONE - s)
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def distortion(starts, ends, weights, turn, scale, d_weights):
-    """Distortion loss of Barron et al. 2022 (equation 15) in warped distances; its gradient is added to ``d_weights``.
+    """Return the distortion loss (Barron et al. 2022, equation 15), and add its gradient to ``d_weights``.
 
-    sum_ij w_i w_j |m_i - m_j| + sum_i w_i^2 (s_{i+1} - s_i) / 3 with m the bin middles, in one pass each way.
+    In warped distances: sum_ij w_i w_j |m_i - m_j| + sum_i w_i^2 (s_{i+1} - s_i) / 3 with m the bin midpoints, computed
+    in linear time from prefix sums.
     """
     count = weights.shape[0]
     total_w, total_wm = np.float32(0.0), np.float32(0.0)
@@ -110,9 +114,9 @@ def distortion(starts, ends, weights, turn, scale, d_weights):
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def expected_depth_error(starts, ends, weights, left, depth, scale, d_weights):
-    """Absolute error of the expected depth, whose gradient is added to ``d_weights``; returns it and that of ``left``.
+    """Return the absolute error of the expected depth and the gradient of ``left``; add that of ``d_weights``.
 
-    Light that passes all bins ends where the last bin does.
+    The remaining transmittance ``left`` counts at the end of the last bin.
     """
     last = ends[weights.shape[0] - 1]
     expected = left * last
@@ -125,20 +129,20 @@ def expected_depth_error(starts, ends, weights, left, depth, scale, d_weights):
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def ray_points(rays_o, rays_d, middles, center, half, shell, x):
-    """Bin middles of all rays, contracted into the unit cube.
+def ray_points(rays_o, rays_d, midpoints, center, half, shell, x):
+    """Write the bin midpoints of all rays, contracted into the unit cube.
 
     Args:
         rays_o, rays_d: (R, 3) float32, unit directions.
-        middles: (R, S) distances, metres.
-        center, half: (3,) the box that is kept as it is, metres.
-        shell: thickness of the shell that holds all the rest, in half sizes of the box.
+        midpoints: (R, S) distances, metres.
+        center, half: (3,) centre and half size of the uncontracted box, metres.
+        shell: thickness of the shell that holds the rest of the world, in half sizes of the box.
         x: (3, R * S), written.
     """
-    count = middles.shape[1]
-    for r in prange(middles.shape[0]):
+    count = midpoints.shape[1]
+    for r in prange(midpoints.shape[0]):
         for i in range(count):
-            t = middles[r, i]
+            t = midpoints[r, i]
             for axis in range(3):
                 u = (rays_o[r, axis] + t * rays_d[r, axis] - center[axis]) / half[axis]
                 beyond = abs(u) - ONE
@@ -148,14 +152,14 @@ def ray_points(rays_o, rays_d, middles, center, half, shell, x):
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def ray_points_backward(rays_o, rays_d, middles, center, half, shell, d_x, d_o, d_d):
-    """Gradients of origins and directions (R, 3), written; the distances are held fixed."""
-    count = middles.shape[1]
-    for r in prange(middles.shape[0]):
+def ray_points_backward(rays_o, rays_d, midpoints, center, half, shell, d_x, d_o, d_d):
+    """Write the gradients (R, 3) of origins and directions, with the distances held fixed."""
+    count = midpoints.shape[1]
+    for r in prange(midpoints.shape[0]):
         for axis in range(3):
             sum_o, sum_d = np.float32(0.0), np.float32(0.0)
             for i in range(count):
-                t = middles[r, i]
+                t = midpoints[r, i]
                 beyond = abs((rays_o[r, axis] + t * rays_d[r, axis] - center[axis]) / half[axis]) - ONE
                 slope = ONE if beyond <= 0 else shell * shell / ((beyond + shell) * (beyond + shell))
                 g = d_x[axis, r * count + i] * slope * np.float32(0.5) / ((ONE + shell) * half[axis])
@@ -167,14 +171,14 @@ def ray_points_backward(rays_o, rays_d, middles, center, half, shell, d_x, d_o, 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def resample(edges, weights, jitter, padding, out):
-    """New bins where the weights are: inverse transform sampling of the histogram, stratified.
+    """Resample bins by stratified inverse transform sampling of a histogram.
 
     Args:
         edges: (R, P + 1) distances.
-        weights: (R, P) of the bins between them.
-        jitter: (R,) in [0, 1), where in its stratum each new edge falls; 0.5 for evaluation.
-        padding: added to every weight, so that no bin is impossible.
-        out: (R, S + 1), written, increasing; first and last are the ends of the ray.
+        weights: (R, P) of the bins between the edges.
+        jitter: (R,) in [0, 1), position of each new edge in its stratum; 0.5 for evaluation.
+        padding: added to every weight, so that every bin can be sampled.
+        out: (R, S + 1), written, increasing; the first and last edge stay.
     """
     bins, count = weights.shape[1], out.shape[1] - 1
     for r in prange(edges.shape[0]):
@@ -194,11 +198,13 @@ def resample(edges, weights, jitter, padding, out):
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def interlevel(edges, weights, fine_edges, fine_weights, scale, d_weights):
-    """Loss of Barron et al. 2022 (equation 13): proposal bins must hold the weight of the fine bins over them.
+    """Return the interlevel loss of one ray (Barron et al. 2022, equation 13).
+
+    The proposal bins that overlap a fine bin must have at least its weight.
 
     Args:
-        edges, weights: (P + 1,), (P,) of the proposal.
-        fine_edges, fine_weights: (S + 1,), (S,), not differentiated.
+        edges, weights: (P + 1,), (P,) proposal histogram.
+        fine_edges, fine_weights: (S + 1,), (S,) fine histogram, not differentiated.
         scale: factor of the gradient.
         d_weights: (P,), written.
     """
@@ -226,12 +232,13 @@ def interlevel(edges, weights, fine_edges, fine_weights, scale, d_weights):
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def first_edges(near, far, turn, jitter, out):
-    """Piecewise sampling (section 3.2): equal steps in warped distance, shifted by each ray's jitter.
+    """Write the edges of piecewise sampling (section 3.2): equal steps in warped distance, shifted by the jitter.
 
     Args:
-        near, far, turn: metres.
+        near, far: ends of the rays, metres.
+        turn: distance where the warp changes from linear to disparity, metres.
         jitter: (R,) in [0, 1); 0.5 for evaluation.
-        out: (R, P + 1), written.
+        out: (R, P + 1), written, metres.
     """
     count = out.shape[1] - 1
     low, high = warp(near, turn), warp(far, turn)

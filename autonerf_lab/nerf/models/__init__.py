@@ -1,8 +1,16 @@
-"""The models, by name: this package's, and what installed packages register as ``autonerf_lab.models``.
+"""Registry of models: those of this package, and those that installed packages register as ``autonerf_lab.models``.
 
-A model of your own is one file: a :class:`~autonerf_lab.nerf.model.ModelSpec` with settings for each preset and a
-function that pairs a field with a sampler (``examples/tiny_model.py`` is one, with a field of its own). Pass it to
-:func:`~autonerf_lab.nerf.fit.fit` as it is, or register it::
+A custom model is a :class:`~autonerf_lab.nerf.model.ModelSpec`: settings for each preset, and a function that combines
+a field with a sampler. Existing parts need no copying::
+
+    def build(settings, box, frames, classes, rng, device):
+        field = MyField(settings, box, frames, classes, rng, device or "cpu")  # for example a TorchHashField
+        return Model(settings, box, field, ProposalSampler(settings, box, rng), frames)
+
+    SPEC = ModelSpec(MODELS["semantic-nerfacto"].settings, build, "my-nerf")
+
+``examples/tiny_model.py`` is a complete model with a new field. Pass a model to :func:`~autonerf_lab.nerf.fit.fit`, or
+register it::
 
     [project.entry-points."autonerf_lab.models"]
     my-nerf = "my_package:SPEC"
@@ -11,7 +19,7 @@ function that pairs a field with a sampler (``examples/tiny_model.py`` is one, w
 from autonerf_lab.errors import UnknownNameError, WrongTypeError
 from autonerf_lab.nerf.model import ModelSpec
 from autonerf_lab.nerf.models import instant_ngp, semantic_nerf, semantic_nerfacto
-from autonerf_lab.utils.plugins import installed
+from autonerf_lab.utils.plugins import load_plugins
 
 MODELS: dict[str, ModelSpec] = {
     "semantic-nerf": semantic_nerf.SPEC,
@@ -21,16 +29,16 @@ MODELS: dict[str, ModelSpec] = {
 
 
 def available() -> dict[str, ModelSpec]:
-    """Built-in models and those of installed packages; a broken one is warned about by name and left out."""
-    return installed("models", MODELS, ModelSpec)
+    """Return built-in models and those of installed packages; a broken one is left out with a warning."""
+    return load_plugins("models", MODELS, ModelSpec)
 
 
 def model_spec(model: str | ModelSpec) -> ModelSpec:
-    """A model by its name; a model of one's own is returned as it is.
+    """Return a model by its name; a :class:`ModelSpec` is returned unchanged.
 
     Raises:
-        UnknownNameError: lists the valid names.
-        WrongTypeError: it is neither a name nor a :class:`ModelSpec`.
+        UnknownNameError: the name is not registered; the message lists the valid names.
+        WrongTypeError: ``model`` is neither a name nor a :class:`ModelSpec`.
 
     Example:
         >>> model_spec("gauss")
@@ -42,7 +50,9 @@ semantic-nerfacto
         return model
     if not isinstance(model, str):
         kind = model.__name__ if isinstance(model, type) else f"a {type(model).__name__}"
-        raise WrongTypeError(f"a model is a name or a ModelSpec, not {kind}; ModelSpec(settings, build) makes one")
+        raise WrongTypeError(
+            f"a model must be a name or a ModelSpec, not {kind}; create one with ModelSpec(settings, build)"
+        )
     if model in MODELS:
         return MODELS[model].named(model)
     found = available()

@@ -1,4 +1,4 @@
-"""Instant-NGP (Müller et al. 2022) with a semantic head: the hash field, and a grid that skips empty space."""
+"""Instant-NGP (Müller et al. 2022) with a semantic head: hash field and occupancy grid."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ SETTINGS = {
 def build(
     settings: OccupancySettings, box: SceneBox, frames: int, classes: int, rng: np.random.Generator, device: str | None
 ) -> Model:
-    """Fused kernels on this machine's cores, or torch on ``device``."""
+    """Build the model with fused kernels on the CPU, or with torch on ``device``."""
     if device is None:
         field, sampler = HashField(settings, box, frames, classes, rng), OccupancySampler(settings, box)
         return Model(settings, box, field, sampler, frames)

@@ -1,8 +1,8 @@
-"""Semantic NeRF (Zhi et al. 2021), the paper's vanilla field: one deep network, coarse and fine.
+"""Semantic NeRF (Zhi et al. 2021), the vanilla NeRF of the paper: one deep network, coarse and fine.
 
-``paper`` has its hyper-parameters and wants a GPU: 200,000 steps of 0.8 TFLOP. ``fast`` is the same architecture with a
-quarter of the width, half of the rays and a third of the samples, for a few hundred steps: it learns the rooms, their
-colours and large objects in a minute, and gives up what takes a network this deep hours, texture and small things.
+``paper`` has the published hyper-parameters and needs a GPU: 200,000 steps of 0.8 TFLOP. ``fast`` is the same
+architecture with a quarter of the width, half of the rays and a third of the samples, for a few hundred steps. In a
+minute it learns the rooms, their colours and large objects, but not textures and small objects.
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ def build(
     rng: np.random.Generator,
     device: str | None,
 ) -> Model:
-    """Torch everywhere: its time goes into matrix products."""
+    """Build the model in torch, on the CPU, too: matrix products dominate its run time."""
     where = device or "cpu"
     coarse = FrequencyField(settings, box, classes, rng, where, prefix="coarse_")
     fine = FrequencyField(settings, box, classes, rng, where)

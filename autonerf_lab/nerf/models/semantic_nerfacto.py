@@ -1,4 +1,4 @@
-"""Semantic Nerfacto (section 3.2): hash encoding and proposal sampling, with a semantic head."""
+"""Semantic Nerfacto (section 3.2): hash field and proposal sampling, with a semantic head."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ SETTINGS = {
 def build(
     settings: ProposalSettings, box: SceneBox, frames: int, classes: int, rng: np.random.Generator, device: str | None
 ) -> Model:
-    """Fused kernels on this machine's cores, or torch on ``device``."""
+    """Build the model with fused kernels on the CPU, or with torch on ``device``."""
     if device is None:
         field, sampler = HashField(settings, box, frames, classes, rng), ProposalSampler(settings, box, rng)
         return Model(settings, box, field, sampler, frames)

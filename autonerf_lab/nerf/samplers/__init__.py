@@ -1,1 +1,1 @@
-"""Where on a ray to ask: the samplers that models are made of."""
+"""Samplers of models: placement of sample points on rays."""

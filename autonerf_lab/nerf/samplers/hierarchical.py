@@ -1,4 +1,4 @@
-"""Hierarchical sampling (Mildenhall et al. 2020, section 5.2): a coarse field on even bins says where to look again."""
+"""Hierarchical sampling (Mildenhall et al. 2020, section 5.2): a coarse field places the fine bins."""
 
 import numpy as np
 import torch
@@ -13,11 +13,11 @@ PADDING = 1e-5  # added to every weight
 
 
 class HierarchicalSampler:
-    """Even bins for the coarse field (of equal length up to ``turn``), and finer ones besides for the field itself.
+    """Regular bins for the coarse field (of equal length up to ``turn``); the field adds bins where these have weight.
 
     Args:
         settings: number of bins.
-        coarse: learns from the same targets; its parameters' names differ from the field's.
+        coarse: trained on the same targets; its parameter names must differ from those of the field.
     """
 
     def __init__(self, settings: SemanticNerfSettings, coarse: TorchField) -> None:
@@ -26,13 +26,14 @@ class HierarchicalSampler:
         self.state: dict[str, np.ndarray] = {}
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
+        """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
         s, shift = self.settings, torch.from_numpy(jitter)
         edges = rendering.first_edges(s.near, s.far, s.turn, shift, s.coarse_samples)
-        even = Samples.between(edges.numpy())
-        weights = torch.from_numpy(self.coarse.render(rays, even).weights)
+        regular = Samples.between(edges.numpy())
+        weights = torch.from_numpy(self.coarse.render(rays, regular).weights)
         finer = rendering.resample(edges, weights, shift, PADDING, s.fine_samples + 1)
         every = torch.cat([edges, finer[:, 1:-1]], dim=1).sort(dim=1).values
-        return Samples.between(every.numpy(), even)
+        return Samples.between(every.numpy(), regular)
 
     def learn(
         self,
@@ -43,5 +44,6 @@ class HierarchicalSampler:
         field: Field,
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
-        learned = self.coarse.train(rays, samples.record, targets, rng, False)
-        return learned.gradients, {"coarse_mse": learned.losses["mse"]}
+        """Train the coarse field; see :class:`~autonerf_lab.nerf.model.Sampler`."""
+        output = self.coarse.train(rays, samples.record, targets, rng, False)
+        return output.gradients, {"coarse_mse": output.losses["mse"]}

@@ -1,29 +1,29 @@
-"""Occupancy-grid sampling (Müller et al. 2022, appendix E): a grid remembers where there is nothing, rays skip it."""
+"""Occupancy-grid sampling (Müller et al. 2022, appendix E): a grid stores which cells are empty; rays skip them."""
 
 import numpy as np
 import torch
 
 from autonerf_lab.nerf import rendering
-from autonerf_lab.nerf.fields.torch_field import middle_points
+from autonerf_lab.nerf.fields.torch_field import midpoints
 from autonerf_lab.nerf.kernels import ray_marching, volume_rendering
 from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import OccupancySettings
 
-WARM_UP = 256  # steps in which the whole grid is asked at each update, later an eighth of it
+WARM_UP = 256  # steps in which an update queries the whole grid; later it queries an eighth
 
 
 class OccupancySampler:
-    """Bins of equal length in the occupied space that a ray crosses before it is stopped.
+    """Bins of equal length in the occupied space that a ray crosses before it becomes opaque.
 
-    The grid covers the contracted cube. Every so many steps its densities decay, and those found at a random point of
-    each cell replace them where they are larger; a cell is occupied above a threshold, or above the mean while all is
-    fog.
+    The grid covers the contracted cube. Every ``update_every`` steps its densities decay, and the density at a random
+    point of each queried cell replaces the stored one where it is larger. A cell is occupied if its density exceeds a
+    threshold, or the mean of the grid where that is smaller.
 
     Args:
         settings: size of the grid, number of bins.
-        box: where the scene is.
+        box: region of full resolution.
     """
 
     def __init__(self, settings: OccupancySettings, box: SceneBox) -> None:
@@ -36,6 +36,7 @@ class OccupancySampler:
         }
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
+        """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
         s, box, count = self.settings, self.box, len(rays)
         edges = np.empty((count, s.candidates + 1), np.float32)
         volume_rendering.first_edges(np.float32(s.near), np.float32(s.far), np.float32(s.turn), jitter, edges)
@@ -56,6 +57,7 @@ class OccupancySampler:
         field: Field,
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
+        """Update the grid when it is due; see :class:`~autonerf_lab.nerf.model.Sampler`."""
         step = int(self.state["occupancy_steps"][0])
         self.state["occupancy_steps"] += 1
         if step % self.settings.update_every == 0:
@@ -72,19 +74,20 @@ class OccupancySampler:
 
 
 class TorchOccupancySampler(OccupancySampler):
-    """The same marched in torch, on any device: the readable reference of the kernel."""
+    """The same sampler in torch, on any device: the readable reference of the kernel."""
 
     def __init__(self, settings: OccupancySettings, box: SceneBox, device: str) -> None:
         super().__init__(settings, box)
         self.device = torch.device(device)
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
+        """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
         s, density = self.settings, torch.from_numpy(self.state["occupancy"]).to(self.device)
         origins, directions, shift = (
             torch.from_numpy(a).to(self.device) for a in (rays.origins, rays.directions, jitter)
         )
         edges = rendering.first_edges(s.near, s.far, s.turn, shift, s.candidates)
-        x = self.box.contract_tensor(middle_points(origins, directions, edges[:, :-1], edges[:, 1:]))
+        x = self.box.contract_tensor(midpoints(origins, directions, edges[:, :-1], edges[:, 1:]))
         size = torch.tensor(density.shape, device=self.device)
         cells = torch.minimum((x * size).long().clamp(min=0), size - 1)
         found = density[tuple(cells.unbind(-1))]

@@ -8,15 +8,15 @@ from autonerf_lab.viz.figures.evaluation import (
     planned_paths,
     refinement_trace,
     render_comparison,
-    walk_view,
+    trajectory_view,
 )
-from autonerf_lab.viz.figures.finetuning import practice
+from autonerf_lab.viz.figures.finetuning import finetuning_results
 from autonerf_lab.viz.figures.geometry import cross_section, density_sections, depth_errors
 from autonerf_lab.viz.figures.maps import draw_map, draw_robot, map_extent
-from autonerf_lab.viz.figures.navigation import walked_paths
+from autonerf_lab.viz.figures.navigation import navigation_paths
 from autonerf_lab.viz.figures.rollouts import rollouts
-from autonerf_lab.viz.figures.story import explored_area, refinement_frames, shown_camera, walk_frames
-from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, SKY, YELLOW, nothing, plain_log
+from autonerf_lab.viz.figures.story import explored_area, refinement_frames, shown_pose, trajectory_frames
+from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, SKY, YELLOW, class_legend, empty_figure, plain_log
 from autonerf_lab.viz.figures.training import learning_curve, running_mean
 
 __all__ = [
@@ -26,28 +26,29 @@ __all__ = [
     "SKY",
     "YELLOW",
     "bird_view",
+    "class_legend",
     "confusion",
     "cross_section",
     "density_sections",
     "depth_errors",
     "draw_map",
     "draw_robot",
+    "empty_figure",
     "explored_area",
+    "finetuning_results",
     "learning_curve",
     "map_extent",
     "map_overlay",
     "mesh_view",
-    "nothing",
+    "navigation_paths",
     "plain_log",
     "planned_paths",
-    "practice",
     "refinement_frames",
     "refinement_trace",
     "render_comparison",
     "rollouts",
     "running_mean",
-    "shown_camera",
-    "walk_frames",
-    "walk_view",
-    "walked_paths",
+    "shown_pose",
+    "trajectory_frames",
+    "trajectory_view",
 ]

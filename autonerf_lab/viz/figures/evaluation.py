@@ -1,6 +1,6 @@
-"""Pictures of an evaluation: each function takes the artifact of a task (``scores.artifacts[task]``), returns a Figure.
+"""Figures of an evaluation. Most functions take the artifact of a task, ``scores.artifacts[task]``.
 
-The artifact of a task that failed is empty: its figure says so.
+The artifact of a failed task is empty; its figure is :func:`~autonerf_lab.viz.figures.style.empty_figure`.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -11,16 +11,25 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from autonerf_lab.classes import CLASS_COLORS, CLASS_NAMES, colorize
+from autonerf_lab.classes import CLASS_NAMES, colorize
 from autonerf_lab.evaluators.maps import CellState
 from autonerf_lab.evaluators.pose_refinement import CONVERGED_DEG, CONVERGED_M, pose_errors
-from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, YELLOW, from_best_to_worst, nothing, plain_log
+from autonerf_lab.viz.figures.style import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    YELLOW,
+    class_legend,
+    empty_figure,
+    from_best_to_worst,
+    plain_log,
+)
 
 if TYPE_CHECKING:
     import trimesh
     from matplotlib.axes import Axes
 
-    from autonerf_lab.evaluators.ground_truth import Grid
+    from autonerf_lab.evaluators.ground_truth import MapGrid
     from autonerf_lab.scenes.scene import Scene
 
 _IGNORED, _FREE, _OCCUPIED = "#B8B8B8", "#FFFFFF", "#303030"
@@ -30,7 +39,7 @@ def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _extent(grid: "Grid") -> tuple[float, float, float, float]:
+def _extent(grid: "MapGrid") -> tuple[float, float, float, float]:
     rows, cols = grid.shape
     x, y = grid.origin
     return (x, x + cols * grid.cell, y, y + rows * grid.cell)
@@ -45,17 +54,21 @@ def _floor(ax: "Axes", title: str) -> None:
 
 
 def render_comparison(artifact: dict[str, Any], rows: int = 4) -> Figure:
-    """Truth beside rendering: RGB, FLIP error and semantics, where there are any, one row a test pose.
+    """Draw true and rendered images side by side: colours, FLIP error, and classes if there are any.
 
-    Rows are spread over the poses from the best to the worst PSNR, so that the picture shows failures too.
+    The rows are evenly spaced from the highest to the lowest PSNR, so that failures are included.
+
+    Args:
+        artifact: artifact of the task ``rendering``.
+        rows: maximum number of test poses.
     """
     if not artifact:
-        return nothing()
+        return empty_figure()
     images = artifact["images"]
     chosen = from_best_to_worst(-artifact["psnr"][: len(images)], rows)
-    labels = {"true_semantics": "semantics, true", "semantics": "semantics, rendered"}
+    labels = {"true_semantics": "classes, true", "semantics": "classes, rendered"}
     labels = {key: title for key, title in labels.items() if images[0][key] is not None}
-    titles = ("RGB, true", "rendered", "FLIP error", *labels.values())
+    titles = ("colours, true", "colours, rendered", "FLIP error", *labels.values())
     figure = _figure(1.9 * len(titles), 1.95 * len(chosen) + 0.8)
     axes = figure.subplots(len(chosen), len(titles), squeeze=False)
     for line, k in zip(axes, chosen, strict=True):
@@ -74,24 +87,21 @@ def render_comparison(artifact: dict[str, Any], rows: int = 4) -> Figure:
     bar = figure.colorbar(flip, ax=axes[:, 2], location="bottom", shrink=0.9, aspect=12, pad=0.02)
     bar.ax.tick_params(labelsize=7)
     bar.set_label("FLIP", fontsize=7)
-    _class_legend(figure, np.unique([label for k in chosen for key in labels for label in np.unique(images[k][key])]))
+    class_legend(figure, np.unique([label for k in chosen for key in labels for label in np.unique(images[k][key])]))
     return figure
 
 
-def _class_legend(figure: Figure, classes: np.ndarray, place: Any = "outside lower center", columns: int = 8) -> None:
-    handles = [
-        Patch(facecolor=CLASS_COLORS[k] / 255, edgecolor="#808080", label=CLASS_NAMES[k]) for k in classes.astype(int)
-    ]
-    figure.legend(handles=handles, loc=place, ncols=columns, fontsize=7, frameon=False)
-
-
 def confusion(artifact: dict[str, Any]) -> Figure:
-    """Confusion matrix of the rendered classes, rows normalised: where the pixels of a true class went."""
+    """Draw the confusion matrix of the rendered classes, with normalised rows.
+
+    Args:
+        artifact: artifact of the task ``rendering``.
+    """
     if not artifact:
-        return nothing()
+        return empty_figure()
     counts = artifact["confusion"]
     if not counts.any():
-        return nothing("no classes to compare")
+        return empty_figure("no class labels")
     present = np.flatnonzero(counts.sum(axis=1) + counts.sum(axis=0))
     share = counts[np.ix_(present, present)] / np.maximum(counts[present].sum(axis=1, keepdims=True), 1)
     figure = _figure(0.45 * len(present) + 2.4, 0.42 * len(present) + 1.8)
@@ -105,33 +115,37 @@ def confusion(artifact: dict[str, Any]) -> Figure:
     for r, c in np.argwhere(share >= 0.005):
         color = "white" if share[r, c] > 0.6 else "black"
         ax.text(c, r, f"{100 * share[r, c]:.0f}", ha="center", va="center", color=color, fontsize=7)
-    figure.colorbar(shown, ax=ax, label="% of the true pixels", shrink=0.8)
+    figure.colorbar(shown, ax=ax, label="% of the pixels of the true class", shrink=0.8)
     return figure
 
 
 def map_overlay(artifact: dict[str, Any]) -> Figure:
-    """The predicted map over the true one, cell by cell, and the two semantic maps."""
+    """Compare the predicted map with the true map, cell by cell, and draw both semantic maps.
+
+    Args:
+        artifact: artifact of the task ``maps``.
+    """
     if not artifact:
-        return nothing()
+        return empty_figure()
     states, labels, truth = artifact["states"], artifact["labels"], artifact["truth"]
     kinds = (
-        ("inside walls and furniture, outside: ignored", _IGNORED, ~truth.scored),
-        ("free, found", _FREE, truth.free & (states == CellState.FREE)),
-        ("occupied, found", _OCCUPIED, truth.occupied & (states == CellState.OCCUPIED)),
-        ("free, but predicted occupied", BLUE, truth.free & (states == CellState.OCCUPIED)),
-        ("occupied, but predicted free", ORANGE, truth.occupied & (states == CellState.FREE)),
-        ("never seen (unknown)", YELLOW, truth.scored & (states == CellState.UNKNOWN)),
+        ("not scored (inside walls or furniture, outside)", _IGNORED, ~truth.scored),
+        ("free, predicted free", _FREE, truth.free & (states == CellState.FREE)),
+        ("occupied, predicted occupied", _OCCUPIED, truth.occupied & (states == CellState.OCCUPIED)),
+        ("free, predicted occupied", BLUE, truth.free & (states == CellState.OCCUPIED)),
+        ("occupied, predicted free", ORANGE, truth.occupied & (states == CellState.FREE)),
+        ("unknown (never seen)", YELLOW, truth.scored & (states == CellState.UNKNOWN)),
     )
-    picture = np.zeros(truth.grid.shape, dtype=np.uint8)
+    image = np.zeros(truth.grid.shape, dtype=np.uint8)
     for k, (_, _, mask) in enumerate(kinds):
-        picture[mask] = k
+        image[mask] = k
     extent = _extent(truth.grid)
     width = 5.0
     figure = _figure(3 * width, width * truth.grid.shape[0] / truth.grid.shape[1] + 0.9)
     axes = figure.subplots(1, 3)
     colors = ListedColormap([color for _, color, _ in kinds])
     axes[0].imshow(
-        picture, cmap=colors, vmin=0, vmax=len(kinds) - 1, origin="lower", extent=extent, interpolation="nearest"
+        image, cmap=colors, vmin=0, vmax=len(kinds) - 1, origin="lower", extent=extent, interpolation="nearest"
     )
     handles = [Patch(facecolor=color, edgecolor="#606060", label=name) for name, color, _ in kinds]
     figure.legend(handles=handles, loc="outside lower left", ncols=3, fontsize=7, frameon=False)
@@ -143,12 +157,10 @@ def map_overlay(artifact: dict[str, Any]) -> Figure:
         ground[label > 0] = colorize(label[label > 0])
         ax.imshow(ground, origin="lower", extent=extent, interpolation="nearest")
     for ax, title in zip(
-        axes, ("occupancy: prediction against truth", "classes, true", "classes, predicted"), strict=True
+        axes, ("occupancy: prediction and ground truth", "classes, true", "classes, predicted"), strict=True
     ):
         _floor(ax, title)
-    _class_legend(
-        figure, np.union1d(truth.classes, np.unique(labels[labels > 0])).astype(int), "outside lower right", 6
-    )
+    class_legend(figure, np.union1d(truth.classes, np.unique(labels[labels > 0])).astype(int), "outside lower right", 6)
     return figure
 
 
@@ -162,19 +174,19 @@ _REASON_COLORS = {
 
 
 def planned_paths(artifact: dict[str, Any], count: int = 25) -> Figure:
-    """PointGoal and ObjectGoal paths over the true map; a failure is drawn in the colour of its reason.
+    """Draw PointGoal and ObjectGoal paths over the true map, coloured by outcome.
 
     Args:
-        artifact: of the task ``planning``.
-        count: episodes of each outcome that are drawn, about: what is rare is not lost among what is common.
+        artifact: artifact of the task ``planning``.
+        count: approximate number of drawn episodes per outcome, so that rare outcomes are visible.
     """
     if not artifact:
-        return nothing()
-    truth, tasks = artifact["truth"], artifact["tasks"]
+        return empty_figure()
+    truth, episode_set = artifact["truth"], artifact["episode_set"]
     grid = truth.grid
     ground = np.full((*grid.shape, 3), 205, dtype=np.uint8)
     ground[truth.free] = 238
-    ground[tasks.passable] = 255
+    ground[episode_set.passable] = 255
     ground[truth.occupied] = 60
     figure = _figure(13, 6.5 * grid.shape[0] / grid.shape[1] + 1.2)
     axes = figure.subplots(1, 2)
@@ -200,20 +212,24 @@ def planned_paths(artifact: dict[str, Any], count: int = 25) -> Figure:
 
 
 def refinement_trace(artifact: dict[str, Any]) -> Figure:
-    """Errors of every camera as they are refined, and what the first cameras saw before and after."""
+    """Draw the errors of all poses over the iterations, and images of the first poses before and after.
+
+    Args:
+        artifact: artifact of the task ``pose_refinement``.
+    """
     if not artifact:
-        return nothing()
+        return empty_figure()
     truth, iterations = artifact["truth"], artifact["iterations"]
     errors = np.array([pose_errors(poses, truth) for poses in artifact["trace"]])  # (I, 2, K)
     before, after, targets = artifact["before"], artifact["after"], artifact["targets"]
     shown = min(len(before), 3)
     figure = _figure(14, 4.6)
     halves: Any = figure.subfigures(1, 2, width_ratios=(1.1, 1))
-    curves, pictures = halves
+    curves, images = halves
     axes = curves.subplots(1, 2)
     converged = (errors[-1, 0] < CONVERGED_DEG) & (errors[-1, 1] < CONVERGED_M)
     panels = (
-        (errors[:, 0], CONVERGED_DEG, "rotation", "deg"),
+        (errors[:, 0], CONVERGED_DEG, "rotation", "°"),
         (1000 * errors[:, 1], 1000 * CONVERGED_M, "position", "mm"),
     )
     for ax, (error, limit, name, unit) in zip(axes, panels, strict=True):
@@ -222,46 +238,48 @@ def refinement_trace(artifact: dict[str, Any]) -> Figure:
                 iterations, np.maximum(error[:, k], 1e-3), color=BLUE if converged[k] else ORANGE, alpha=0.7, lw=1
             )
         ax.axhline(limit, color="k", linestyle="--", linewidth=0.8)
-        ax.set_title(f"{name} error", fontsize=10)
         plain_log(ax.yaxis)
         ax.set_xlabel("iteration", fontsize=8)
-        ax.set_ylabel(unit, fontsize=8)
+        ax.set_ylabel(f"{name} error ({unit})", fontsize=8)
         ax.tick_params(labelsize=7)
     handles = [Line2D([], [], color=BLUE, label=f"converged ({converged.sum()})")]
-    handles += [Line2D([], [], color=ORANGE, label=f"not ({(~converged).sum()})")]
-    handles += [Line2D([], [], color="k", linestyle="--", label="limit")]
+    handles += [Line2D([], [], color=ORANGE, label=f"not converged ({(~converged).sum()})")]
+    handles += [Line2D([], [], color="k", linestyle="--", label="convergence threshold")]
     axes[0].legend(handles=handles, fontsize=7, frameon=False)
-    grid = pictures.subplots(shown, 5, squeeze=False)
-    titles = ("seen", "field at the start", "|difference|", "field at the end", "|difference|")
+    grid = images.subplots(shown, 5, squeeze=False)
+    titles = ("target", "start", "|difference|", "end", "|difference|")
     for k, line in enumerate(grid):
         target = targets[k].astype(np.float32) / 255
         differences = [np.abs(image - target).mean(axis=2) for image in (before[k], after[k])]
         for ax, image in zip(line, (target, before[k], differences[0], after[k], differences[1]), strict=True):
-            ax.imshow(np.clip(image, 0, 1), cmap="magma", vmin=0, vmax=0.4)
+            shown_image = ax.imshow(np.clip(image, 0, 1), cmap="magma", vmin=0, vmax=0.4)
             ax.set_xticks([])
             ax.set_yticks([])
         line[0].set_ylabel(f"{errors[-1, 0, k]:.2f}°, {1000 * errors[-1, 1, k]:.0f} mm", fontsize=8)
     for ax, title in zip(grid[0], titles, strict=True):
         ax.set_title(title, fontsize=8)
+    bar = images.colorbar(shown_image, ax=grid, location="bottom", shrink=0.4, aspect=30, extend="max")
+    bar.set_label("|difference| of colours in [0, 1]", fontsize=7)
+    bar.ax.tick_params(labelsize=7)
     return figure
 
 
 def bird_view(
     mesh: "trimesh.Trimesh", colors: np.ndarray | None = None, width: int = 1000, azimuth_deg: float = -60.0
 ) -> np.ndarray:
-    """Slanted parallel projection with the near walls and the ceiling cut away.
+    """Render a slanted parallel projection of a mesh, without ceiling and near walls.
 
-    Triangles seen from behind are left out: in a parallel projection these are exactly the ceiling and the walls that
-    stand between the eye and a room.
+    Back-facing triangles are left out. In a parallel projection, these are the ceiling and the walls between the viewer
+    and the rooms.
 
     Args:
-        mesh: world frame, metres, triangles facing the free side.
-        colors: (V, 3) uint8; the vertex colours of the mesh without.
-        width: pixels.
-        azimuth_deg: where the eye stands, counter-clockwise from world +x.
+        mesh: world frame, metres, triangles face the free side.
+        colors: (V, 3) uint8; default: the vertex colours of the mesh.
+        width: of the image, pixels.
+        azimuth_deg: direction of the viewer, counter-clockwise from world +x.
 
     Returns:
-        (H, width, 3) uint8, white where there is nothing.
+        (H, width, 3) uint8, white background.
     """
     from autonerf_lab.simulator.raycast import RayCaster
 
@@ -294,9 +312,9 @@ def bird_view(
     areas = np.stack([_area(points, b, c), _area(a, points, c), _area(a, b, points)], axis=1)
     weights = areas / np.maximum(areas.sum(axis=1, keepdims=True), 1e-20)
     shade = 0.62 + 0.38 * np.abs(normal[face] @ np.array([0.35, 0.2, 0.91]))
-    picture = np.full((len(origins), 3), 255.0)
-    picture[hit] = np.einsum("nk,nkd->nd", weights, colors[corners[face]].astype(np.float64)) * shade[:, None]
-    return picture.reshape(rows // 2, 2, width, 2, 3).mean(axis=(1, 3)).round().astype(np.uint8)
+    image = np.full((len(origins), 3), 255.0)
+    image[hit] = np.einsum("nk,nkd->nd", weights, colors[corners[face]].astype(np.float64)) * shade[:, None]
+    return image.reshape(rows // 2, 2, width, 2, 3).mean(axis=(1, 3)).round().astype(np.uint8)
 
 
 def _area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -304,55 +322,61 @@ def _area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 def mesh_view(artifact: dict[str, Any]) -> Figure:
-    """The extracted mesh from above: in colour, by class where it has any, and by its distance to the true surface."""
+    """Draw the extracted mesh from above: colours, classes if it has any, and distance to the true surface.
+
+    Args:
+        artifact: artifact of the task ``mesh``.
+    """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from scipy.spatial import cKDTree
 
     if not artifact:
-        return nothing()
+        return empty_figure()
     mesh = artifact["mesh"]
     classes = mesh.vertex_attributes.get("semantics")
     if not len(mesh.faces):
-        return nothing("no mesh was extracted")
+        return empty_figure("no surface was found in the field")
     _, nearest = cKDTree(artifact["points"]).query(mesh.vertices)
     scale = Normalize(0, 100 * artifact["limit"])
     distance = colormaps["viridis"](scale(100 * artifact["distance"][nearest]))[:, :3]
-    pictures = [("colour", bird_view(mesh))]
+    views = [("colours", bird_view(mesh))]
     if classes is not None:
-        pictures.append(("classes", bird_view(mesh, colorize(np.asarray(classes).astype(int)))))
-    pictures.append(("distance to the true surface", bird_view(mesh, (255 * distance).astype(np.uint8))))
-    height = pictures[0][1].shape[0] / pictures[0][1].shape[1]
-    figure = _figure(5.3 * len(pictures), 5.2 * height + 0.7)
-    axes = figure.subplots(1, len(pictures))
-    for ax, (title, picture) in zip(axes, pictures, strict=True):
-        ax.imshow(picture)
+        views.append(("classes", bird_view(mesh, colorize(np.asarray(classes).astype(int)))))
+    views.append(("distance to the true surface", bird_view(mesh, (255 * distance).astype(np.uint8))))
+    height = views[0][1].shape[0] / views[0][1].shape[1]
+    figure = _figure(5.3 * len(views), 5.2 * height + 0.7)
+    axes = figure.subplots(1, len(views))
+    for ax, (title, image) in zip(axes, views, strict=True):
+        ax.imshow(image)
         ax.set_title(title, fontsize=10)
         ax.axis("off")
-    figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes[-1], label="cm", shrink=0.8)
+    figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes[-1], label="distance (cm)", shrink=0.8, extend="max")
     if classes is not None:
-        _class_legend(figure, np.unique(classes))
+        class_legend(figure, np.unique(classes))
     return figure
 
 
-def walk_view(scene: "Scene", poses: np.ndarray) -> Figure:
-    """The scene from above with the walk, dark at its start and light at its end.
+def trajectory_view(scene: "Scene", poses: np.ndarray) -> Figure:
+    """Draw a scene from above with a trajectory, coloured by step.
 
     Args:
-        scene: drawn by ``scene.top_view``.
-        poses: (T, 4, 4) camera-to-world along the walk.
+        scene: the scene.
+        poses: (T, 4, 4) camera-to-world poses of the trajectory.
     """
-    scale = 60.0
-    picture, corner = scene.top_view(scale)
-    high = corner + np.array(picture.shape[1::-1]) / scale
-    figure = _figure(8, 6.1 * picture.shape[0] / picture.shape[1] + 0.7)  # a colour bar takes the rest of the width
+    from autonerf_lab.scenes.plotting import top_view
+
+    scale = 60.0  # pixels per metre
+    image, corner = top_view(scene, scale)
+    high = corner + np.array(image.shape[1::-1]) / scale
+    figure = _figure(8, 6.1 * image.shape[0] / image.shape[1] + 0.7)  # the colour bar takes the remaining width
     ax = figure.subplots()
-    ax.imshow(picture, extent=(corner[0], high[0], corner[1], high[1]))
+    ax.imshow(image, extent=(corner[0], high[0], corner[1], high[1]))
     xy = poses[:, :2, 3]
     ax.plot(*xy.T, color="black", linewidth=2.6, alpha=0.5)
     dots = ax.scatter(xy[:, 0], xy[:, 1], c=np.arange(len(xy)), cmap="plasma", s=7, zorder=3)
     ax.plot(*xy[0], "o", color="white", markeredgecolor="black", markersize=9, zorder=4)
     figure.colorbar(dots, ax=ax, label="step", shrink=0.7)
-    _floor(ax, f"{scene.name}: the walk")
+    _floor(ax, f"{scene.name}: trajectory")
     return figure

@@ -1,10 +1,10 @@
-"""The robot's map, drawn on an axis in metres."""
+"""Drawing of the map of the robot, in metres."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from autonerf_lab.exploration.replay import PALETTE, cells
+from autonerf_lab.exploration.replay import PALETTE, map_image
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.types import MapState
 from autonerf_lab.viz.figures.style import BLUE
@@ -12,26 +12,26 @@ from autonerf_lab.viz.figures.style import BLUE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-GROUND = "#E9EBEE"  # what nobody has seen
-_MARGIN = 0.3  # metres around what is known
-_BODY, _LOOK = 0.18, 0.6  # metres
+GROUND = "#E9EBEE"  # colour of unseen cells
+_MARGIN = 0.3  # around the explored cells, metres
+_BODY, _LOOK = 0.18, 0.6  # radius of the robot and length of its arrow, metres
 
 
 def map_extent(known: MapState) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top edge of a map, metres: the ``extent`` of ``imshow`` with ``origin="lower"``."""
+    """Return the left, right, bottom and top edge of a map, metres, as ``extent`` of ``imshow(origin="lower")``."""
     rows, cols = known.explored.shape
     x, y = known.origin
     return x, x + cols * known.cell, y, y + rows * known.cell
 
 
 def draw_map(ax: "Axes", known: MapState, title: str = "", robot: bool = True) -> None:
-    """Draw what a map knows: ground, frontier (light blue), obstacles (grey) and classes, and where the robot is.
+    """Draw a map: explored cells, frontier (light blue), obstacles (grey), object classes, and the robot.
 
     Args:
-        ax: what to draw on; it is cropped to what is known.
+        ax: axes; they are cropped to the explored cells.
         known: the map.
-        title: of the axis.
-        robot: whether the robot is drawn, with an arrow along its heading.
+        title: of the axes.
+        robot: if True, draw the robot with an arrow along its heading.
 
     Example:
         >>> from matplotlib.figure import Figure
@@ -43,7 +43,7 @@ def draw_map(ax: "Axes", known: MapState, title: str = "", robot: bool = True) -
         >>> [round(float(x), 2) for x in ax.get_xlim()]
         [1.7, 6.3]
     """
-    ax.imshow(PALETTE[cells(known)], origin="lower", extent=map_extent(known), interpolation="nearest")
+    ax.imshow(PALETTE[map_image(known)], origin="lower", extent=map_extent(known), interpolation="nearest")
     ax.set(facecolor=GROUND, aspect="equal", xlabel="x (m)", ylabel="y (m)")
     ax.set_title(title, fontsize=10)
     rows, cols = np.nonzero(known.explored)
@@ -56,7 +56,7 @@ def draw_map(ax: "Axes", known: MapState, title: str = "", robot: bool = True) -
 
 
 def draw_robot(ax: "Axes", pose: np.ndarray, color: str = BLUE) -> None:
-    """A disc of the robot's size with an arrow along its heading."""
+    """Draw a disc with the radius of the robot and an arrow along its heading."""
     from matplotlib.patches import Circle
 
     x, y, heading = planar_from_pose(pose)

@@ -1,4 +1,4 @@
-"""Pictures of the way to a field: what the robot saw, how much it knew, and how a camera finds itself."""
+"""Figures of a trajectory, and of the refinement of one pose."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -9,55 +9,61 @@ from matplotlib.ticker import NullFormatter
 
 from autonerf_lab.classes import colorize
 from autonerf_lab.evaluators.pose_refinement import CONVERGED_DEG, CONVERGED_M, pose_errors
-from autonerf_lab.viz.figures.style import BLUE, ORANGE
+from autonerf_lab.viz.figures.style import BLUE, ORANGE, class_legend
 
 if TYPE_CHECKING:
     from autonerf_lab.data.trajectory import Trajectory
-    from autonerf_lab.evaluators.radiance_field import Field
+    from autonerf_lab.evaluators.radiance_field import RadianceField
 
-_DIFFERENCE_MAX = 0.4  # of colours in [0, 1]
+_DIFFERENCE_MAX = 0.4  # limit of the colour scale of differences, colours in [0, 1]
 
 
-def walk_frames(trajectory: "Trajectory", count: int = 8) -> Figure:
-    """Frames of a walk, evenly spaced in time: colour, depth and classes, where the walk kept them.
+def trajectory_frames(trajectory: "Trajectory", count: int = 8) -> Figure:
+    """Draw evenly spaced images of a trajectory: colours, depth and classes, if they were recorded.
+
+    Args:
+        trajectory: the recorded trajectory.
+        count: maximum number of steps.
 
     Example:
         >>> from autonerf_lab.geometry import Intrinsics
         >>> from autonerf_lab.data.trajectory import Trajectory
         >>> rgb = np.zeros((3, 4, 4, 3), np.uint8)
-        >>> walk = Trajectory(np.eye(4)[None].repeat(3, axis=0), rgb, None, None, Intrinsics.from_fov(4, 4))
-        >>> len(walk_frames(walk).axes)
+        >>> trajectory = Trajectory(np.eye(4)[None].repeat(3, axis=0), rgb, None, None, Intrinsics.from_fov(4, 4))
+        >>> len(trajectory_frames(trajectory).axes)
         3
     """
     chosen = np.unique(np.linspace(0, len(trajectory) - 1, count).round().astype(int))
-    layers: list[tuple[str, list[np.ndarray], dict[str, Any]]] = [("colour", [trajectory.rgb[t] for t in chosen], {})]
+    layers: list[tuple[str, list[np.ndarray], dict[str, Any]]] = [("colours", [trajectory.rgb[t] for t in chosen], {})]
     if trajectory.depth is not None:
         deepest = float(trajectory.depth[chosen].max())
-        layers.append(
-            (f"depth, 0 to {deepest:.1f} m", [trajectory.depth[t] for t in chosen], {"vmin": 0, "vmax": deepest})
-        )
+        layers.append(("depth", [trajectory.depth[t] for t in chosen], {"vmin": 0, "vmax": deepest}))
     if trajectory.semantics is not None:
-        layers.append(("class", [colorize(trajectory.semantics[t]) for t in chosen], {}))
-    figure = Figure(figsize=(1.6 * len(chosen), 1.6 * len(layers) + 0.3), layout="constrained")
+        layers.append(("classes", [colorize(trajectory.semantics[t]) for t in chosen], {}))
+    figure = Figure(figsize=(1.6 * len(chosen), 1.6 * len(layers) + 0.6), layout="constrained")
     axes = figure.subplots(len(layers), len(chosen), squeeze=False)
     for row, (name, images, limits) in zip(axes, layers, strict=True):
         for ax, image in zip(row, images, strict=True):
-            ax.imshow(image, cmap="viridis", **limits)
+            shown = ax.imshow(image, cmap="viridis", **limits)
             ax.set_xticks([])
             ax.set_yticks([])
         row[0].set_ylabel(name, fontsize=9)
+        if limits:
+            figure.colorbar(shown, ax=list(row), label="depth (m)", pad=0.01, aspect=12)
     for ax, t in zip(axes[0], chosen, strict=True):
         ax.set_title(f"step {t}", fontsize=9)
+    if trajectory.semantics is not None:
+        class_legend(figure, np.unique(trajectory.semantics[chosen]))
     return figure
 
 
 def explored_area(trajectory: "Trajectory") -> Figure:
-    """How much the robot had seen after each step, and how far it had walked; collisions as ticks."""
+    """Draw the explored area and the path length over the steps; ticks mark collisions."""
     meta = trajectory.meta
     figure = Figure(figsize=(8, 2.8), layout="constrained")
     ax = figure.subplots()
     ax.plot(meta["explored_m2"], color=BLUE, label="explored area (m²)")
-    ax.plot(meta["path_m"], color=ORANGE, linestyle="--", label="way so far (m)")
+    ax.plot(meta["path_m"], color=ORANGE, linestyle="--", label="path length (m)")
     hits = np.flatnonzero(meta["collided"])
     ax.plot(hits, np.zeros(len(hits)), "|", color="black", markersize=8, label=f"collisions ({len(hits)})")
     ax.set_xlabel("step")
@@ -68,28 +74,28 @@ def explored_area(trajectory: "Trajectory") -> Figure:
     return figure
 
 
-def shown_camera(artifact: dict[str, Any]) -> int:
-    """The camera to show of a pose refinement: the first that converged among those whose images were kept."""
+def shown_pose(artifact: dict[str, Any]) -> int:
+    """Return the index of the first converged pose among those with stored images, else 0."""
     rotation, translation = artifact["rotation_error_deg"], artifact["translation_error_m"]
-    kept = np.arange(len(rotation)) < len(artifact["targets"])
-    return int(np.argmax(kept & (rotation < CONVERGED_DEG) & (translation < CONVERGED_M)))
+    stored = np.arange(len(rotation)) < len(artifact["targets"])
+    return int(np.argmax(stored & (rotation < CONVERGED_DEG) & (translation < CONVERGED_M)))
 
 
-def refinement_frames(field: "Field", artifact: dict[str, Any], count: int = 16) -> list[np.ndarray]:
-    """One camera of a pose refinement as it moves: target, what the field shows, their difference, the errors.
+def refinement_frames(field: "RadianceField", artifact: dict[str, Any], count: int = 16) -> list[np.ndarray]:
+    """Draw the frames of an animation of one pose refinement: target, rendering, difference, error curves.
 
     Args:
-        field: the one it was refined in.
-        artifact: of the task ``pose_refinement``.
-        count: frames. They are dense at the beginning, where most happens.
+        field: the field in which the pose was refined.
+        artifact: artifact of the task ``pose_refinement``.
+        count: number of frames; they are denser at the beginning, where the pose moves fastest.
 
     Returns:
-        (H, W, 3) uint8 images of one size; none when the task failed.
+        (H, W, 3) uint8 images of one size; empty if the task failed.
     """
     if not artifact:
         return []
     trace, iterations, truth = artifact["trace"], artifact["iterations"], artifact["truth"]
-    camera = shown_camera(artifact)
+    camera = shown_pose(artifact)
     target = artifact["targets"][camera].astype(np.float32) / 255
     intrinsics = field.intrinsics.resized(target.shape[1], target.shape[0])
     errors = np.array([pose_errors(poses, truth) for poses in trace])[:, :, camera]
@@ -106,23 +112,24 @@ def _refinement_frame(
     axes = figure.subplots(1, 4, width_ratios=(1, 1, 1, 1.35))
     figure.subplots_adjust(left=0.01, right=0.93, bottom=0.16, top=0.88, wspace=0.08)
     difference = np.abs(target - shown).mean(axis=2)
-    titles = ("the camera saw", "the field shows", "difference")
+    titles = ("target", "rendering", f"|difference|, 0 to {_DIFFERENCE_MAX:g}")
     for ax, image, title in zip(axes, (target, shown, difference), titles, strict=False):
         ax.imshow(np.clip(image, 0, 1), cmap="magma", vmin=0, vmax=_DIFFERENCE_MAX)
         ax.set(title=title, xticks=[], yticks=[])
     curve = axes[3]
-    curve.semilogy(iterations[: k + 1], np.maximum(errors[: k + 1, 0], 1e-3), color=BLUE, label="degrees")
-    curve.semilogy(iterations[: k + 1], np.maximum(1000 * errors[: k + 1, 1], 1e-3), color=ORANGE, label="millimetres")
+    curve.semilogy(iterations[: k + 1], np.maximum(errors[: k + 1, 0], 1e-3), color=BLUE, label="rotation error (°)")
+    position_mm = np.maximum(1000 * errors[: k + 1, 1], 1e-3)
+    curve.semilogy(iterations[: k + 1], position_mm, color=ORANGE, label="position error (mm)")
     curve.axhline(CONVERGED_DEG, color=BLUE, linestyle=":", linewidth=1)
     curve.axhline(1000 * CONVERGED_M, color=ORANGE, linestyle=":", linewidth=1)
     everything = np.concatenate([errors[:, 0], 1000 * errors[:, 1], [CONVERGED_DEG, 1000 * CONVERGED_M]])
     curve.set_xlim(0, iterations[-1])
     curve.set_ylim(max(everything.min(), 1e-3) / 4, everything.max() * 1.5)
     curve.set_title(f"iteration {iterations[k]}: {errors[k, 0]:.2f}°, {1000 * errors[k, 1]:.1f} mm")
-    curve.yaxis.set_major_formatter("{x:g}")  # powers of ten are read less easily, and typeset slowly
+    curve.yaxis.set_major_formatter("{x:g}")  # plain numbers instead of powers of ten
     curve.yaxis.set_minor_formatter(NullFormatter())
     curve.yaxis.tick_right()
-    curve.legend(frameon=False, fontsize=8, loc="lower center", ncols=2)
+    curve.legend(frameon=False, fontsize=8, loc="lower left")
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()

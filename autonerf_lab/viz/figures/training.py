@@ -1,4 +1,4 @@
-"""How a policy learned."""
+"""Figure of the training of a policy."""
 
 from collections.abc import Sequence
 
@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE
 
-SMOOTH = 8  # points of the running mean: episodes in large and small apartments differ more than a lesson
+SMOOTH = 8  # points of the running mean; single episodes differ with the size of the apartment
 _LABELS = {
-    "reward": ("reward an episode", BLUE),
+    "reward": ("reward per episode", BLUE),
     "explored_m2": ("explored area (m²)", ORANGE),
     "success": ("success (%)", ORANGE),
     "spl": ("SPL (%)", GREEN),
@@ -17,7 +17,7 @@ _LABELS = {
 
 
 def running_mean(values: np.ndarray, width: int) -> np.ndarray:
-    """Means of ``width`` neighbours, as many fewer as have not enough.
+    """Compute the means of ``width`` neighbouring values; the result is ``width - 1`` shorter.
 
     Example:
         >>> running_mean(np.array([1.0, 3.0, 5.0]), 2).tolist()
@@ -27,16 +27,16 @@ def running_mean(values: np.ndarray, width: int) -> np.ndarray:
 
 
 def learning_curve(curve: Sequence[dict[str, float]], title: str) -> Figure:
-    """Reward of the training episodes, and explored area or success, over the frames.
+    """Draw the reward of the training episodes, and explored area or success, over the number of frames.
 
     Args:
-        curve: of :func:`autonerf_lab.training.train_policy`: ``frames``, ``reward`` and what else it holds in a row.
-        title: over the figure.
+        curve: rows of :func:`autonerf_lab.training.train_policy` with ``frames``, ``reward`` and other values.
+        title: of the figure.
 
     Example:
         >>> rows = [{"frames": 100.0 * k, "reward": float(k), "explored_m2": 2.0 * k} for k in range(20)]
         >>> [ax.get_ylabel() for ax in learning_curve(rows, "modular-obs").axes]
-        ['reward an episode', 'explored area (m²)']
+        ['reward per episode', 'explored area (m²)']
     """
     figure = Figure(figsize=(9, 2.8), layout="constrained")
     panels = [(key, label, color) for key, (label, color) in _LABELS.items() if key in curve[0]]

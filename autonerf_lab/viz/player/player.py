@@ -1,4 +1,4 @@
-"""Watch a walk, or several of one scene beside each other: in a notebook, as a page, as a film."""
+"""Play trajectories of one scene, alone or side by side: in a notebook, as a page, as a video."""
 
 import io
 from collections.abc import Sequence
@@ -12,142 +12,147 @@ from PIL import Image
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
-from autonerf_lab.exploration.replay import PALETTE, Retraced, retrace
+from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.utils import storage
-from autonerf_lab.utils.extras import OWN_SIZE, optional
-from autonerf_lab.viz.player.page import page, player
-from autonerf_lab.viz.player.step_image import COLORS, GROUND, draw, union_box
-from autonerf_lab.viz.video import save_film
+from autonerf_lab.utils.extras import NATURAL_SIZE, optional
+from autonerf_lab.viz.player.page import page_html, player_html
+from autonerf_lab.viz.player.step_image import COLORS, GROUND, step_image, union_box
+from autonerf_lab.viz.video import write_video
 
-MAX_FRAMES = 300  # of all walks together, where nobody says how many steps to leave out
-FPS = 12
+MAX_FRAMES = 300  # of all trajectories together, unless ``every`` is given
+FPS = 12  # frames per second
 
 
 class Player:
-    """Walks of one scene, ready to be watched. A notebook shows it as an animation; make one with :func:`play`.
+    """Player of trajectories of one scene; create it with :func:`play`. A notebook shows it as an animation.
 
     Args:
-        walks: retraced at the same number of steps.
+        replays: trajectories replayed at the same number of steps.
     """
 
-    def __init__(self, walks: Sequence[Retraced]) -> None:
-        self.walks = list(walks)
+    def __init__(self, replays: Sequence[Replay]) -> None:
+        self.replays = list(replays)
 
     def __len__(self) -> int:
-        """How many steps are shown."""
-        return len(self.walks[0].steps)
+        """Return the number of shown steps."""
+        return len(self.replays[0].steps)
 
-    def picture(self, k: int) -> np.ndarray:
-        """(H, W, 3) uint8, everything at the k-th of the steps that are shown; k may count from the end."""
-        return draw(self.walks, range(len(self))[k])
+    def image(self, k: int) -> np.ndarray:
+        """Return the k-th of the shown steps as an (H, W, 3) uint8 image; negative k counts from the end."""
+        return step_image(self.replays, range(len(self))[k])
 
     def figure(self) -> Figure:
-        """How the maps grew: a row a policy, at the beginning, after a quarter, after half, and at the end."""
-        low, high = union_box(self.walks)
+        """Return a figure of the growing maps: one row per trajectory; start, quarter, half and end as columns."""
+        low, high = union_box(self.replays)
         columns = [round(share * (len(self) - 1)) for share in (0, 0.25, 0.5, 1)]
         width, aspect = 3.4, float(np.divide(*(high - low)[::-1]))
-        size = (width * len(columns) + 0.3, (width * aspect + 0.35) * len(self.walks))
+        size = (width * len(columns) + 0.3, (width * aspect + 0.35) * len(self.replays))
         figure = Figure(figsize=size, layout="constrained")
-        axes = figure.subplots(len(self.walks), len(columns), squeeze=False)
-        for number, (row, walk) in enumerate(zip(axes, self.walks, strict=True)):
+        axes = figure.subplots(len(self.replays), len(columns), squeeze=False)
+        for number, (row, replay) in enumerate(zip(axes, self.replays, strict=True)):
             for ax, k in zip(row, columns, strict=True):
-                _floor_plan(ax, walk, k, COLORS[number % len(COLORS)])
+                _plot_map(ax, replay, k, COLORS[number % len(COLORS)])
                 ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-            row[0].set_ylabel(walk.name, fontsize=10, parse_math=False)
+            row[0].set_ylabel(replay.name, fontsize=10, parse_math=False)
         return figure
 
     def save(self, file: str | Path, progress: bool = True) -> Path:
-        """Write a page that needs nothing else (``.html``), or a film (``.mp4``, ``.gif``).
+        """Write a self-contained page (``.html``) or a video (``.mp4``, ``.gif``).
 
         Args:
-            file: its ending says which.
-            progress: show a bar while a film is made.
+            file: output file; its extension selects the format.
+            progress: show a progress bar while a video is written.
 
         Returns:
             The file.
 
         Raises:
-            DataError: another ending, or a file that cannot be written.
-            MissingPackageError: a film without the extra ``viewer``.
+            DataError: another extension, or a file that cannot be written.
+            MissingPackageError: a video without the extra ``viewer``.
         """
         file = Path(file)
         kind = file.suffix.lower()
         if kind == ".html":
-            storage.write_bytes(file, page(self.walks, self._html).encode())
+            storage.write_bytes(file, page_html(self.replays, self._html).encode())
             return file
         if kind not in (".gif", ".mp4"):
-            raise DataError(f"{file}: a walk is written as .html, .gif or .mp4")
-        return save_film(map(self.picture, range(len(self))), len(self), file, FPS, progress)
+            raise DataError(f"{file}: unknown extension; a player is saved as .html, .gif or .mp4")
+        return write_video(map(self.image, range(len(self))), len(self), file, FPS, progress)
 
     def widget(self) -> Any:
-        """The same with the controls of ipywidgets; unlike the animation it needs a running kernel.
+        """Return an ipywidgets player; unlike the animation it needs a running kernel.
 
         Raises:
             MissingPackageError: the extra ``notebooks`` is not installed.
         """
         widgets = optional("ipywidgets", "notebooks")
         last = len(self) - 1
-        clock = widgets.Play(min=0, max=last, interval=1000 // FPS, description="play")
+        timer = widgets.Play(min=0, max=last, interval=1000 // FPS, description="play")
         slider = widgets.IntSlider(min=0, max=last, description="frame", layout={"width": "60%"})
-        widgets.jslink((clock, "value"), (slider, "value"))
-        shown = widgets.Image(value=_jpeg(self.picture(0)), format="jpeg", layout=OWN_SIZE)
-        slider.observe(lambda change: setattr(shown, "value", _jpeg(self.picture(change["new"]))), "value")
-        return widgets.VBox([shown, widgets.HBox([clock, slider])])
+        widgets.jslink((timer, "value"), (slider, "value"))
+        image = widgets.Image(value=_jpeg(self.image(0)), format="jpeg", layout=NATURAL_SIZE)
+        slider.observe(lambda change: setattr(image, "value", _jpeg(self.image(change["new"]))), "value")
+        return widgets.VBox([image, widgets.HBox([timer, slider])])
 
     @cached_property
     def _html(self) -> str:
-        return player(self.walks)
+        return player_html(self.replays)
 
     def _repr_html_(self) -> str:
         return self._html
 
     def __repr__(self) -> str:
-        return f"Player({', '.join(walk.name for walk in self.walks)}: {len(self)} pictures)"
+        return f"Player({', '.join(replay.name for replay in self.replays)}: {len(self)} steps)"
 
 
 def play(*trajectories: Trajectory, every: int | None = None) -> Player:
-    """Watch walks: what the robot sees, the map that it builds, where it heads, and how much it knows.
+    """Play trajectories: camera views, the growing map, path and waypoint, and the explored area.
 
-    The maps are built again from depth, classes and poses. A walk without depth shows its images and its way.
+    The maps are rebuilt from depth, semantics and poses. A trajectory without depth shows its images and its path.
 
     Args:
-        trajectories: one, or several of one scene, which share the steps, the scale and the orientation of the maps.
-            The shorter ones wait at their end.
-        every: show every so many-th step, and the last; without it, so many that a page stays small.
+        trajectories: one, or several of the same scene. All share steps and map scale; a shorter trajectory stays at
+            its last step.
+        every: show every n-th step and the last one. By default, n is chosen so that the page stays small.
+
+    Returns:
+        A player. Display it in a notebook, or call ``save``, ``figure`` or ``widget``.
 
     Raises:
         WrongTypeError: not a trajectory.
         DataError: no trajectory, trajectories of different scenes, or one that cannot be replayed.
+        ValueError: ``every`` is below 1.
 
     Example:
         >>> from autonerf_lab.geometry import Intrinsics, planar_pose
         >>> rgb, poses = np.zeros((3, 4, 4, 3), np.uint8), np.stack([planar_pose(k, 0, 0) for k in range(3)])
         >>> play(Trajectory(poses, rgb, None, None, Intrinsics.from_fov(4, 4), {"policy": "random"}), every=2)
-        Player(random: 2 pictures)
+        Player(random: 2 steps)
     """
     if not trajectories:
-        raise DataError("there is no walk to play; name one or more")
+        raise DataError("no trajectory to play; pass one or more")
     if every is not None and every < 1:
         raise ValueError(f"every must be at least 1, not {every}")
-    longest = max(len(walk) for walk in trajectories)
+    longest = max(len(trajectory) for trajectory in trajectories)
     stride = every or -(-longest // max(1, MAX_FRAMES // len(trajectories)))
     steps = np.unique(np.append(np.arange(0, longest, stride), longest - 1))
-    scenes = {str(walk.meta.get("scene_sha256") or walk.meta.get("scene")) for walk in trajectories}
+    scenes = {str(trajectory.meta.get("scene_sha256") or trajectory.meta.get("scene")) for trajectory in trajectories}
     if len(scenes) > 1:
-        names = ", ".join(str(walk.meta.get("scene")) for walk in trajectories)
-        raise DataError(f"walks of different scenes cannot be compared ({names}); play each alone")
-    return Player([retrace(walk, steps) for walk in trajectories])
+        names = ", ".join(str(trajectory.meta.get("scene")) for trajectory in trajectories)
+        raise DataError(f"cannot play trajectories of different scenes together ({names}); play each alone")
+    return Player([replay_map(trajectory, steps) for trajectory in trajectories])
 
 
-def _floor_plan(ax: Any, walk: Retraced, k: int, color: str) -> None:
+def _plot_map(ax: Any, replay: Replay, k: int, color: str) -> None:
+    """Plot the map and the path at the k-th of the shown steps."""
     ax.set(facecolor=GROUND, aspect="equal", xticks=[], yticks=[])
-    if walk.maps is not None:
-        shape = MAP_CELL * np.array(walk.maps[k].shape[::-1])
-        left, bottom, right, top = *walk.corner, *(walk.corner + shape)
+    if replay.maps is not None:
+        shape = MAP_CELL * np.array(replay.maps[k].shape[::-1])
+        left, bottom, right, top = *replay.corner, *(replay.corner + shape)
         extent = (left, right, bottom, top)
-        ax.imshow(PALETTE[walk.maps[k]], origin="lower", extent=extent, interpolation="nearest")
-    x, y, heading = walk.planar[: walk.steps[k] + 1].T
+        ax.imshow(PALETTE[replay.maps[k]], origin="lower", extent=extent, interpolation="nearest")
+    x, y, heading = replay.planar[: replay.steps[k] + 1].T
     ax.plot(x, y, color=color, linewidth=1.2)
     ax.plot(x[0], y[0], "o", color="white", markeredgecolor=color, markersize=6)
     ax.plot(x[-1], y[-1], "o", color=color, markersize=7)
@@ -157,11 +162,11 @@ def _floor_plan(ax: Any, walk: Retraced, k: int, color: str) -> None:
         (x[-1], y[-1]),
         arrowprops={"arrowstyle": "->", "color": color, "linewidth": 1.6},
     )
-    area = "" if walk.area is None else f": {walk.area[k]:.0f} m²"
-    ax.set_title(f"step {walk.steps[k]}{area}", fontsize=9)
+    area = "" if replay.area is None else f": {replay.area[k]:.0f} m²"
+    ax.set_title(f"step {replay.steps[k]}{area}", fontsize=9)
 
 
-def _jpeg(picture: np.ndarray) -> bytes:
+def _jpeg(image: np.ndarray) -> bytes:
     data = io.BytesIO()
-    Image.fromarray(picture).save(data, "JPEG", quality=90)
+    Image.fromarray(image).save(data, "JPEG", quality=90)
     return data.getvalue()

@@ -1,4 +1,4 @@
-"""Figures of an evaluation say what the artifact holds, and draw what there is of a field without classes."""
+"""Figures of an evaluation: they show the values of the artifact, also for a field without classes."""
 
 import matplotlib
 import numpy as np
@@ -8,9 +8,10 @@ import trimesh
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from autonerf_lab.evaluators.ground_truth import Grid, TrueMap
+from autonerf_lab.evaluators import TASKS
+from autonerf_lab.evaluators.ground_truth import MapGrid, TrueMap
 from autonerf_lab.evaluators.maps import CellState
-from autonerf_lab.evaluators.planning import Episode, Tasks
+from autonerf_lab.evaluators.planning import Episode, EpisodeSet
 from autonerf_lab.geometry import planar_pose
 from autonerf_lab.pipeline import figures as run_figures
 from autonerf_lab.pipeline.gallery import read_gallery
@@ -33,7 +34,7 @@ def truth():
     free[2:38, 5:55] = ~occupied[2:38, 5:55]
     semantics = np.zeros((15, *SHAPE), bool)
     semantics[1, 18:22, 10:20] = True
-    return TrueMap(Grid(np.zeros(2), SHAPE, 0.1), occupied, occupied, free, semantics)
+    return TrueMap(MapGrid(np.zeros(2), SHAPE, 0.1), occupied, occupied, free, semantics)
 
 
 def rendered(count, semantics):
@@ -47,13 +48,13 @@ def rendered(count, semantics):
     return {"images": [one] * count, "psnr": np.arange(count, dtype=float), "confusion": confusion}
 
 
-def test_a_comparison_shows_the_best_and_the_worst_and_leaves_out_what_there_is_not():
+def test_a_comparison_shows_the_best_and_the_worst_images():
     figure = figures.render_comparison(rendered(9, np.full((8, 8), 2, np.uint8)), rows=3)
     labels = [ax.get_ylabel() for ax in figure.axes if "dB" in ax.get_ylabel()]
     assert labels == ["8.0 dB", "4.0 dB", "0.0 dB"]
-    assert "bed" in words(figure) and "couch" in words(figure) and "semantics, rendered" in words(figure)
+    assert "bed" in words(figure) and "couch" in words(figure) and "classes, rendered" in words(figure)
     without = figures.render_comparison(rendered(2, None))
-    assert "semantics, true" in words(without) and "semantics, rendered" not in words(without)
+    assert "classes, true" in words(without) and "classes, rendered" not in words(without)
 
 
 def test_confusion_is_in_percent_of_the_true_pixels():
@@ -61,7 +62,7 @@ def test_confusion_is_in_percent_of_the_true_pixels():
     assert [tick.get_text() for tick in ax.get_yticklabels()] == ["couch", "bed"]
     np.testing.assert_allclose(ax.images[0].get_array(), [[100, 0], [25, 75]])
     assert sorted(text.get_text() for text in ax.texts) == ["100", "25", "75"]
-    assert "no classes" in words(figures.confusion(rendered(1, None)))
+    assert "no class labels" in words(figures.confusion(rendered(1, None)))
 
 
 def test_a_map_has_false_positives_and_negatives_in_two_colours(truth):
@@ -83,22 +84,24 @@ def test_a_map_has_false_positives_and_negatives_in_two_colours(truth):
     assert "couch" in text and "refrigerator" in text and "bed" not in text
 
 
-def test_no_failure_is_lost_among_the_paths(truth):
-    """One path through an obstacle among two hundred that are well, and one that does not exist."""
+def test_rare_failures_are_drawn(truth):
+    """One path through an obstacle and one missing path among two hundred episodes."""
     start, goal = np.array([5, 10]), np.array([10, 30])
     path = np.array([[5.0, 10.0], [10.0, 30.0]])
     points = [Episode(start, goal, 0, "", path, 1.0, 1.0) for _ in range(200)]
     points[117] = Episode(start, goal, 0, "through an obstacle", path, 1.0, 1.0)
     points[3] = Episode(start, goal, 0, "no path", None, np.inf, 1.0)
     none = np.zeros((0, 2), int)
-    tasks = Tasks(truth.free, none, none, np.zeros(0), (), np.zeros((16, 0)))
-    figure = figures.planned_paths({"points": points, "objects": [], "truth": truth, "tasks": tasks}, count=20)
+    episode_set = EpisodeSet(truth.free, none, none, np.zeros(0), (), np.zeros((16, 0)))
+    figure = figures.planned_paths(
+        {"points": points, "objects": [], "truth": truth, "episode_set": episode_set}, count=20
+    )
     left, right = figure.axes
-    ways = [line for line in left.lines if len(line.get_xdata()) == 2]
-    colors = [line.get_color() for line in ways]
+    paths = [line for line in left.lines if len(line.get_xdata()) == 2]
+    colors = [line.get_color() for line in paths]
     assert colors.count(figures.ORANGE) == 1 and 20 <= colors.count(figures.GREEN) <= 40
     assert any(line.get_color() == evaluation._REASON_COLORS["no path"] for line in left.lines), "its start is shown"
-    np.testing.assert_allclose(ways[0].get_xydata(), truth.grid.centers(path))
+    np.testing.assert_allclose(paths[0].get_xydata(), truth.grid.centers(path))
     assert left.get_title() == "PointGoal: 198 of 200 episodes succeed" and "0 of 0" in right.get_title()
 
 
@@ -141,16 +144,16 @@ def test_a_mesh_is_shown_with_the_classes_it_has(classes):
     artifact = {"mesh": mesh, "points": mesh.vertices, "distance": np.full(len(mesh.vertices), 0.1), "limit": 0.1}
     figure = figures.mesh_view(artifact)
     titles = [ax.get_title() for ax in figure.axes if ax.images and ax.get_title()]
-    assert titles == ["colour", *(["classes"] if classes else []), "distance to the true surface"]
+    assert titles == ["colours", *(["classes"] if classes else []), "distance to the true surface"]
     pixels = np.asarray(figure.axes[0].images[0].get_array()).reshape(-1, 3).astype(int)
     pixels = pixels[pixels.min(axis=1) < 250]
     assert np.mean((pixels[:, 0] > 110) & (pixels[:, 1] <= 30)) > 0.95, "in the colours of the mesh, but for edges"
-    assert "no mesh was extracted" in words(figures.mesh_view({**artifact, "mesh": trimesh.Trimesh()}))
+    assert "no surface was found" in words(figures.mesh_view({**artifact, "mesh": trimesh.Trimesh()}))
 
 
-def test_a_picture_that_cannot_be_drawn_loses_no_other(tmp_path, monkeypatch):
+def test_a_figure_that_fails_does_not_affect_the_others(tmp_path, monkeypatch):
     def broken(*args):
-        raise ValueError("the pen is dry")
+        raise ValueError("no pen")
 
     class Dark:
         def density(self, points):
@@ -160,9 +163,9 @@ def test_a_picture_that_cannot_be_drawn_loses_no_other(tmp_path, monkeypatch):
             return np.zeros(len(points), bool)
 
     monkeypatch.setattr(figures, "map_overlay", broken)
-    tasks = ("rendering", "maps", "planning", "pose_refinement", "mesh", "navigation", "finetuning")
-    artifacts = {task: {} for task in tasks}
+    artifacts = {task: {"truth": None} for task in TASKS}
     run_figures.draw_scores(tmp_path, Dark(), toy_scene.two_rooms(), artifacts)
-    pictures = read_gallery(tmp_path, "evaluate")
-    assert {"maps", "mesh", "navigation", "finetuning"} <= {picture.section for picture in pictures}
-    assert "ValueError: the pen is dry" in words(run_figures._drawn(broken)())
+    stored = read_gallery(tmp_path, "evaluate")
+    assert {figure.section for figure in stored} == set(TASKS)
+    assert "ValueError: no pen" in words(run_figures._drawn("map_overlay", {"artifact": {"truth": None}}))
+    assert "could not be computed" in words(run_figures._drawn("map_overlay", {"artifact": {}}))

@@ -1,4 +1,4 @@
-"""Pictures of geometry: the numbers in them are those of a scene drawn by hand, and a reader is told what they mean."""
+"""Figures of geometry: values computed by hand for a toy scene, labels and units."""
 
 from types import SimpleNamespace
 
@@ -11,7 +11,7 @@ from toy_scene import empty_room, two_rooms
 
 from autonerf_lab.viz.figures.evaluation import render_comparison
 from autonerf_lab.viz.figures.geometry import CELL, CrossSection, cross_section, density_sections, depth_errors
-from autonerf_lab.viz.figures.style import nothing
+from autonerf_lab.viz.figures.style import empty_figure
 
 
 class HalfSpace:
@@ -33,7 +33,7 @@ def words(figure: Figure) -> str:
     return "\n".join(t.get_text() for t in figure.findobj(matplotlib.text.Text))
 
 
-def test_the_outline_of_the_truth_has_the_length_that_was_drawn() -> None:
+def test_the_outline_of_the_scene_has_the_expected_length() -> None:
     # outer walls, the two parts of the wall between the rooms, the refrigerator; the bed and the table are lower
     plan = cross_section(HalfSpace(), two_rooms(), 2, 1.0)
     assert length(plan) == pytest.approx(2 * (8 + 3) + 2 * 2.2 + 4 * 0.58, abs=1e-3)
@@ -44,7 +44,7 @@ def test_the_outline_of_the_truth_has_the_length_that_was_drawn() -> None:
 
 
 @pytest.mark.parametrize(("axis", "at"), [(2, 1.0), (1, 0.5), (0, 3.0)])
-def test_density_stands_where_it_was_asked(axis: int, at: float) -> None:
+def test_density_is_drawn_at_its_position(axis: int, at: float) -> None:
     section = cross_section(HalfSpace(), two_rooms(), axis, at)
     left, right, bottom, top = section.extent
     rows, columns = section.sigma.shape
@@ -57,16 +57,16 @@ def test_density_stands_where_it_was_asked(axis: int, at: float) -> None:
     np.testing.assert_array_equal(section.seen, low[:, None] & known)
 
 
-def test_the_elevation_goes_through_objects_that_were_seen() -> None:
+def test_the_vertical_plane_contains_seen_objects() -> None:
     figure = density_sections(HalfSpace(), two_rooms())
-    y = float(words(figure).split("elevation at y = ")[1].split(" m")[0])
-    assert 2.4 < y < 2.6  # bed, vase and table: nowhere else are there three kinds
+    y = float(words(figure).split("vertical plane at y = ")[1].split(" m")[0])
+    assert 2.4 < y < 2.6  # bed, vase and table: the only plane with three classes
 
 
-def test_sections_are_true_to_scale_and_say_what_is_what() -> None:
+def test_sections_have_equal_scales_and_labels() -> None:
     figure = density_sections(HalfSpace(), two_rooms())
     text = words(figure)
-    for label in ("x (m)", "y (m)", "z (m)", "density σ (1/m), logarithmic", "floor plan at z = 1.00 m",
+    for label in ("x (m)", "y (m)", "z (m)", "density σ (1/m), logarithmic scale", "horizontal plane at z = 1.00 m",
                   "true surfaces", "never seen by a training view"):  # fmt: skip
         assert label in text
     plan, elevation = figure.axes[:2]
@@ -82,12 +82,12 @@ def test_sections_are_true_to_scale_and_say_what_is_what() -> None:
     assert plan.get_xlim() == elevation.get_xlim()
 
 
-def test_a_field_gone_wrong_and_a_room_without_objects_are_drawn_too() -> None:
+def test_a_nan_field_and_a_room_without_objects_are_drawn() -> None:
     broken = SimpleNamespace(
         density=lambda points: np.full(len(points), np.nan, np.float32), seen=lambda points: np.zeros(len(points), bool)
     )
     for scene in (two_rooms(), empty_room()):
-        assert "elevation" in words(density_sections(broken, scene))
+        assert "vertical plane" in words(density_sections(broken, scene))
 
 
 def view(error: float) -> dict[str, np.ndarray]:
@@ -111,7 +111,7 @@ def test_depth_errors_are_signed_centimetres_from_the_best_view_to_the_worst() -
     shown_images = [image for ax in figure.axes for image in ax.images if image.get_array().ndim == 2]
     depths = [image.get_clim() for image in shown_images if image.get_cmap().name == "viridis"]
     assert len(depths) == 6 and set(depths) == {(0, 2)}  # one scale for truth and rendering
-    for label in ("depth along the optical axis (m)", "error (cm): red too near, blue too far"):
+    for label in ("depth along the optical axis (m)", "depth error (cm): red too near, blue too far"):
         assert label in text
 
 
@@ -122,5 +122,5 @@ def test_views_without_any_surface_come_last_and_do_not_break_the_picture() -> N
 
 
 @pytest.mark.parametrize("draw", [depth_errors, render_comparison])
-def test_a_task_that_failed_says_so(draw: object) -> None:
-    assert words(draw({})) == words(nothing())
+def test_a_failed_task_gives_an_empty_figure(draw: object) -> None:
+    assert words(draw({})) == words(empty_figure())

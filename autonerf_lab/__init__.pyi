@@ -1,0 +1,36 @@
+from . import benchmark as benchmark
+from . import course as course
+from . import envs as envs
+from . import evaluators as evaluators
+from . import mapping as mapping
+from . import nerf as nerf
+from . import planning as planning
+from . import policies as policies
+from . import rewards as rewards
+from . import viz as viz
+from .config import Preset as Preset
+from .config import preset as preset
+from .data.dataset import Dataset as Dataset
+from .data.dataset import load_dataset as load_dataset
+from .data.trajectory import Trajectory as Trajectory
+from .data.trajectory import load_trajectory as load_trajectory
+from .evaluators import Scores as Scores
+from .evaluators import evaluate as evaluate
+from .evaluators import export_mesh as export_mesh
+from .evaluators import extract_mesh as extract_mesh
+from .exploration import explore as explore
+from .geometry import Intrinsics as Intrinsics
+from .nerf import NeRF as NeRF
+from .nerf import fit as fit
+from .nerf import load_nerf as load_nerf
+from .scenes import Scene as Scene
+from .scenes import generate_apartment as generate_apartment
+from .scenes import import_scene as import_scene
+from .scenes import load_scene as load_scene
+from .simulator import Simulator as Simulator
+from .training.train import train_policy as train_policy
+from .types import Observation as Observation
+from .types import Transition as Transition
+from .viz.player import play as play
+
+__version__: str

@@ -1,0 +1,33 @@
+"""``autonerf-lab evaluate``."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from tyro.conf import arg
+
+from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, OptionalTasks, Overwrite, RunPath, split_names
+
+
+@dataclass(frozen=True)
+class EvaluateCommand:
+    """Evaluate the radiance field of a run on every task: RUN/scores.json."""
+
+    folder: RunPath
+    overwrite: Overwrite = False
+    upstream: Annotated[bool, arg(help="Also compute the scores as defined by the paper's released code.")] = False
+    optional: OptionalTasks = None
+    interest_regions: Annotated[bool, arg(help="Sample the pixels of pose refinement in interest regions.")] = False
+    lpips: LpipsOptions = NO_LPIPS
+
+    def run(self) -> None:
+        """Run the stage and print the scores."""
+        from autonerf_lab import pipeline
+
+        options = pipeline.StageOptions(
+            self.lpips.load(),
+            self.upstream,
+            optional_tasks=split_names(self.optional) or (),
+            interest_regions=self.interest_regions,
+        )
+        pipeline.run_stage(self.folder, "evaluate", overwrite=self.overwrite, options=options)
+        print(f"\n{pipeline.score_table(self.folder)}\n\nscores: {self.folder / 'scores.json'}")

@@ -1,0 +1,28 @@
+"""``autonerf-lab mesh``."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from tyro.conf import arg
+
+from autonerf_lab.cli.options import Overwrite, RunPath
+
+
+@dataclass(frozen=True)
+class MeshCommand:
+    """Extract the mesh of the radiance field of a run, with colours and with classes: RUN/mesh."""
+
+    folder: RunPath
+    overwrite: Overwrite = False
+    voxel: Annotated[
+        float | None, arg(metavar="METRES", help="Voxel size.", help_behavior_hint="(default: from the preset)")
+    ] = None
+    format: Annotated[str, arg(metavar="GLB|PLY", help="File format: glb (y up) or ply (z up).")] = "glb"
+
+    def run(self) -> None:
+        """Run the stage."""
+        from autonerf_lab import pipeline
+
+        options = pipeline.StageOptions(voxel=self.voxel, mesh_format=self.format.lower())
+        pipeline.run_stage(self.folder, "mesh", overwrite=self.overwrite, options=options)
+        print(f"mesh: {self.folder / 'mesh'}")

@@ -1,0 +1,59 @@
+"""The public names: what a user, an editor and a type checker find."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import autonerf_lab as lab
+
+PACKAGE = Path(lab.__file__).parent
+STUB = ast.parse((PACKAGE / "__init__.pyi").read_text())
+NAMES = sorted(alias.name for node in STUB.body if isinstance(node, ast.ImportFrom) for alias in node.names)
+SCRIPT = Path(__file__).parent / "support/user_script.py"
+
+
+def test_dir_lists_exactly_the_public_names() -> None:
+    assert dir(lab) == NAMES == sorted(lab.__all__)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_name_loads_and_is_documented(name: str) -> None:
+    assert getattr(lab, name).__doc__
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="nonsense"):
+        lab.nonsense  # noqa: B018
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    code = (
+        "import sys, autonerf_lab; print([m for m in ('torch', 'numba', 'matplotlib', 'trimesh') if m in sys.modules])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["-m", "mypy", "--strict", "--no-incremental", "--python-executable", sys.executable],
+        [
+            "-m",
+            "basedpyright",
+            "--pythonpath",
+            sys.executable,
+            "--project",
+            str(SCRIPT.with_name("pyrightconfig.json")),
+        ],
+    ],
+    ids=["mypy", "pyright"],
+)
+def test_type_checkers_accept_a_script_of_a_user(command: list[str], tmp_path: Path) -> None:
+    """Run from elsewhere, so that the names come from the installed package."""
+    result = subprocess.run(
+        [sys.executable, *command, SCRIPT], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stdout
