@@ -16,8 +16,8 @@ help:
 	@echo "make test-fast  unit tests only, under three minutes"
 	@echo "make lab        JupyterLab on the notebooks"
 	@echo "make docs       the manual as a site: build/docs/index.html"
-	@echo "make bench      every benchmark (ARGS=--quick for a look)"
-	@echo "make setup      install everything and stop there"
+	@echo "make bench      every benchmark (ARGS=--quick for a short run)"
+	@echo "make setup      install everything, run nothing else"
 
 # A .venv whose Python is missing (after an upgrade or a move) does not count as installed.
 ifneq ($(shell $(BIN)/python -c 'print(1)' 2>/dev/null),1)

@@ -95,8 +95,8 @@ class Intrinsics:
             )
             if folded:
                 warnings.warn(
-                    f"the lens model folds back in {folded} of {flat.shape[1]} pixels, which get the direction at the "
-                    "fold; crop or undistort the images",
+                    f"the lens distortion cannot be inverted at {folded} of {flat.shape[1]} pixels, which get a "
+                    "direction at the edge of the valid region; crop or undistort the images",
                     stacklevel=2,
                 )
             x, y = flat.reshape(2, *x.shape)

@@ -1,11 +1,12 @@
 """Records exchanged between the packages.
 
 M is the side of the map in cells, H and W the image size in pixels. Arrays are read-only by convention: a change
-makes a new record.
+makes a new record. Rewards and policies get read-only views, see :func:`read_only`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -44,9 +45,26 @@ class MapState:
     cell: float  # side of a cell, metres
 
 
+Record = TypeVar("Record", Observation, MapState)
+
+
+def read_only(record: Record) -> Record:
+    """Return the record with read-only views of its arrays, so that a reward or policy cannot change them.
+
+    Example:
+        >>> image = np.zeros((4, 4))
+        >>> read_only(Observation(image, image, image, np.eye(4))).depth.flags.writeable, image.flags.writeable
+        (False, True)
+    """
+    views: dict[str, Any] = {k: array.view() for k, array in vars(record).items() if isinstance(array, np.ndarray)}
+    for view in views.values():
+        view.flags.writeable = False
+    return replace(record, **views)
+
+
 @dataclass(frozen=True)
 class Transition:
-    """Input of a reward: the map before and after one step."""
+    """Input of a reward: the map before and after one step. The arrays are read-only."""
 
     before: MapState
     after: MapState

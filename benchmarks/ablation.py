@@ -115,7 +115,7 @@ def run_cell(folder: Path, row: Variation, identity: dict[str, Any], options: ar
 
 def finished(path: Path, identity: dict[str, Any]) -> dict[str, Any] | None:
     """Return the stored cell if it has these settings, else None."""
-    cell = read_json(path) if path.exists() else None
+    cell = read_json(path, dict[str, Any]) if path.exists() else None
     return cell if cell and cell["identity"] == json.loads(json.dumps(identity)) else None
 
 

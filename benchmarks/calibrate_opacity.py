@@ -14,6 +14,7 @@ import argparse
 import json
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,8 +32,8 @@ def scores_of(name: str, preset: str, policy: str, folder: Path) -> list[dict[st
     identity = {"scene": name, "preset": preset, "policy": policy, "model": "semantic-nerfacto"}
     identity["thresholds"] = list(THRESHOLDS)
     path = folder / f"{name}.json"
-    if path.exists() and (found := storage.read_json(path)).pop("rows") and found == identity:
-        return storage.read_json(path)["rows"]
+    if path.exists() and (found := storage.read_json(path, dict[str, Any])).pop("rows") and found == identity:
+        return storage.read_json(path, dict[str, Any])["rows"]
     sim, steps = lab.Simulator(lab.load_scene(name)), lab.preset(preset).episode_steps
     # the trajectory is recorded again, with the same bits; the training continues from its checkpoint
     trajectory = lab.explore(sim, policy, steps=steps, seed=0)

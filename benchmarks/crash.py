@@ -101,7 +101,7 @@ def stages_of(out: Path) -> list[str]:
     stages = []
     for path in out.glob("work/*/run/run.json"):
         try:
-            done = read_json(path)["stages"]
+            done = read_json(path, dict[str, Any])["stages"]
         except ValueError:  # a worker that is still running removes the folder
             continue
         stages.append(next((stage for stage in STAGES[:4] if stage not in done), "exploration"))

@@ -118,7 +118,7 @@ def run_one(policy: str, scene: str, start: int, steps: int, cells: str) -> dict
     """Run one episode and compute its curves at every fifth step, or read the saved result."""
     path = Path(cells) / policy.replace(" ", "-").replace("/", "-") / f"{scene}-{start}-{steps}.json"
     fingerprint = {"policy": policy, "scene": scene, "start": start, "steps": steps, "weights": hash_of(policy)}
-    if path.exists() and (saved := read_json(path))["identity"] == fingerprint:
+    if path.exists() and (saved := read_json(path, dict[str, Any]))["identity"] == fingerprint:
         return saved
     sim, visible = scene_with_visible_map(scene, cells)
     chosen = OraclePolicy(OMNISCIENT[policy], visible) if policy in OMNISCIENT else make(policy)

@@ -57,7 +57,7 @@ def measure(name: str, policy: str, views: int, size: str, folder: Path) -> dict
     """Score a scene: trajectory, uniform views and true geometry; return saved scores if there are any."""
     identity = {"scene": name, "policy": policy, "weights": weights_sha256(policy), "views": views, "preset": size}
     path = folder / f"{name}.json"
-    if path.exists() and (found := storage.read_json(path))["identity"] == identity:
+    if path.exists() and (found := storage.read_json(path, dict[str, Any]))["identity"] == identity:
         return found["scores"]
     scene, sizes = load_scene(name), preset(size)
     sim = Simulator.from_preset(scene, sizes)

@@ -36,6 +36,21 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
+@pytest.mark.slow
+def test_every_module_can_be_imported_first() -> None:
+    """Circular imports are errors only for some orders of import, so each module is the first one once."""
+    code = """
+import importlib, pkgutil, sys, autonerf_lab
+for found in pkgutil.walk_packages(autonerf_lab.__path__, "autonerf_lab."):
+    for name in [name for name in sys.modules if name.split(".")[0] == "autonerf_lab"]:
+        del sys.modules[name]
+    if not found.name.endswith("__main__"):
+        importlib.import_module(found.name)
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
 @pytest.mark.parametrize(
     "command",
     [

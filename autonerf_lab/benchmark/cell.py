@@ -13,7 +13,7 @@ from PIL import Image
 
 from autonerf_lab import pipeline
 from autonerf_lab.benchmark.grid import Cell, label
-from autonerf_lab.benchmark.results import OK, Outcome, Results, load_results
+from autonerf_lab.benchmark.results import OK, Outcome, Results, StageCost, load_results
 from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import Scores
@@ -96,9 +96,10 @@ def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str 
         Scores(rows).save(exploration)
     for name, (stage, figure) in FIGURES.items():
         _shrink(run / f"figures/{stage}_{figure}.png", results.path / "figures" / f"{cell.name}_{name}.webp")
-    last = {"seconds": round(time.perf_counter() - started, 3), "peak_gb": resources.peak_gb()}
+    stages = {name: StageCost(seconds=row["seconds"], peak_gb=row["peak_gb"]) for name, row in run.stages.items()}
+    stages["exploration"] = StageCost(seconds=round(time.perf_counter() - started, 3), peak_gb=resources.peak_gb())
     scores = tuple(_labelled(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(exploration)])
-    return Outcome(cell, OK, scores, {**run.stages, "exploration": last}, storage.read_json(folder / "curves.json"))
+    return Outcome(cell, OK, scores, stages, storage.read_json(folder / "curves.json", dict[str, list[float]]))
 
 
 def _labelled(row: Score, cell: Cell) -> Score:

@@ -13,13 +13,15 @@
 
 import shutil
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
+
+import msgspec
 
 from autonerf_lab import __version__
 from autonerf_lab.benchmark.fingerprint import LPIPS, differences, grid_fingerprint
-from autonerf_lab.benchmark.grid import Cell, Grid
+from autonerf_lab.benchmark.grid import Cell, Grid, label
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.pipeline.run_folder import is_empty_except
 from autonerf_lab.types import Score
@@ -28,7 +30,16 @@ from autonerf_lab.utils import storage
 FORMAT_VERSION = 1
 OK = "ok"
 RETRY = ("failed", "timeout", "oom", "died")  # first word of the status of a cell without scores
+MAX_CELLS = 100_000
+MAX_NAME = 200  # characters of the name of a cell; file systems allow 255 with the suffix
 MAX_LENGTH = 300  # characters of a status
+
+
+class StageCost(TypedDict):
+    """Cost of a stage of a cell."""
+
+    seconds: float
+    peak_gb: float | None
 
 
 @dataclass(frozen=True)
@@ -38,7 +49,7 @@ class Outcome:
     cell: Cell
     status: str  # "ok", or a word of RETRY and the reason, such as "failed: ..."
     scores: tuple[Score, ...] = ()
-    stages: dict[str, dict[str, Any]] | None = None  # name -> {seconds, peak_gb}, of a finished cell
+    stages: dict[str, StageCost] | None = None  # of a finished cell
     curves: dict[str, list[float]] | None = None  # name -> % of the visible total over the episode
 
     def __post_init__(self) -> None:
@@ -64,7 +75,16 @@ class Outcome:
     @property
     def seconds(self) -> float:
         """Total time of all stages, seconds."""
-        return sum(float(row["seconds"]) for row in (self.stages or {}).values())
+        return sum(row["seconds"] for row in (self.stages or {}).values())
+
+
+@dataclass(frozen=True)
+class _GridFile:
+    """Content of ``grid.json``."""
+
+    version: int
+    package: str  # version of the package
+    grid: dict[str, Any]  # fingerprint: the fields of a Grid and digests
 
 
 class Results:
@@ -121,13 +141,10 @@ class Results:
         path = self.cell_file(cell)
         if not path.exists():
             return None
-        content = storage.read_json(path)
         try:
-            rows = tuple(Score(**row) for row in content["scores"])
-            stored, status = Cell(**content["cell"]), str(content["status"])
-            outcome = Outcome(stored, status, rows, content["stages"], content["curves"])
-        except (KeyError, TypeError) as error:
-            raise DataError(f"{path} is damaged ({error!r}); remove it to run the cell again") from error
+            outcome = storage.read_json(path, Outcome)
+        except DataError as error:
+            raise DataError(f"{error}; remove it to run the cell again") from error
         if outcome.cell != cell:
             raise DataError(f"{path} holds another cell; remove it to run the cell again")
         return outcome
@@ -203,20 +220,21 @@ create them with `autonerf-lab bench run`
     if not (path / "grid.json").exists():
         raise RunFolderError(f"{path} holds no results (no grid.json); create them with `autonerf-lab bench run`")
     fingerprint = _read_fingerprint(path, to_run)
-    try:
-        known: dict[str, Any] = {f.name: fingerprint[f.name] for f in fields(Grid)}
-        for name in ("policies", "scenes", "models", "optional"):
-            known[name] = tuple(known[name])
-        grid = Grid(**known)
-        grid.cells()
-    except (KeyError, TypeError) as error:
-        raise DataError(f"{path / 'grid.json'} is damaged ({error!r}); start another results folder") from error
-    return Results(path, grid, fingerprint)
+    return Results(path, msgspec.convert(fingerprint, Grid), fingerprint)
 
 
 def _read_fingerprint(path: Path, to_run: bool) -> dict[str, Any]:
-    content = storage.read_json(path / "grid.json")
-    version, package = content.get("version"), content.get("package")
+    try:
+        content = storage.read_json(path / "grid.json", _GridFile)
+        grid = msgspec.convert(content.grid, Grid)
+        if not 0 < len(grid.policies) * len(grid.scenes) * len(grid.models) * grid.starts <= MAX_CELLS:
+            raise DataError(f"{path / 'grid.json'} does not have 1 to {MAX_CELLS} cells")
+        longest = sum(max(len(label(name)) for name in names) for names in (grid.policies, grid.scenes, grid.models))
+        if longest > MAX_NAME:
+            raise DataError(f"{path / 'grid.json'} has names of {longest} characters per cell; at most {MAX_NAME}")
+    except (DataError, msgspec.ValidationError) as error:
+        raise DataError(f"{error}; start another results folder") from error
+    version, package = content.version, content.package[:40]
     if version != FORMAT_VERSION:
         raise RunFolderError(
             f"{path} has format {version}, made by autonerf-lab {package}; this is {__version__}, which reads format "
@@ -227,6 +245,4 @@ def _read_fingerprint(path: Path, to_run: bool) -> dict[str, Any]:
             f"{path} was made by autonerf-lab {package}, this is {__version__}: scores may differ, so it can be read "
             "but not continued; choose another --out"
         )
-    if not isinstance(content.get("grid"), dict):
-        raise DataError(f"{path / 'grid.json'} is damaged (no grid); start another results folder")
-    return content["grid"]
+    return content.grid

@@ -104,7 +104,7 @@ def load_results_table(*folders: Results) -> ResultsTable:
     if len(presets) > 1:
         raise RunFolderError(f"results of several presets ({', '.join(sorted(presets))}) cannot share one table")
     if different := find_conflict({results.path: results.fingerprint for results in folders}):
-        raise RunFolderError(f"{different}; compare them instead")
+        raise RunFolderError(f"{different}; compare the folders with `autonerf-lab bench compare`")
     episodes: dict[Row, list[Episode]] = {}
     values: dict[Row, dict[Episode, dict[Key, float | None]]] = {}
     outcomes: list[Outcome] = []
@@ -113,7 +113,10 @@ def load_results_table(*folders: Results) -> ResultsTable:
         for cell in results.grid.cells():
             row, episode = (label(cell.policy), cell.model), (label(cell.scene), cell.start)
             if (row, episode) in before:
-                raise RunFolderError(f"{results.path} and another folder both hold {cell.name}; compare them instead")
+                raise RunFolderError(
+                    f"{results.path} and another folder both hold {cell.name}; compare the folders with `autonerf-lab "
+                    "bench compare`"
+                )
             episodes.setdefault(row, []).append(episode)
             values.setdefault(row, {})
         for outcome in results.outcomes():

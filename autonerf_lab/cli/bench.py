@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import Positional, arg, subcommand
+from tyro.conf import Positional, subcommand
 
-from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, OptionalTasks, PresetName, split_names
+from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, OptionalTasks, PresetName, option, split_names
 from autonerf_lab.errors import DataError
 
 if TYPE_CHECKING:
@@ -20,47 +20,57 @@ class BenchRunCommand:
     After an interruption, the same command continues. A failed cell is recorded, and the other cells run.
     """
 
-    out: Annotated[Path, arg(help="Results folder.")]
+    out: Annotated[Path, option(help="Results folder.")]
     policies: Annotated[
-        str | None, arg(metavar="A,B", help="Names, .safetensors files, module:Class, or: all, modular, e2e, paper.")
+        str | None,
+        option(
+            metavar="A,B",
+            help="Names, .safetensors files, module:Class, or: all, modular, e2e, paper. Not with --grid.",
+        ),
     ] = None
     scenes: Annotated[
         str | None,
-        arg(metavar="A,B", help="Names, files, or: all, train, dev, val.", help_behavior_hint="(default: val)"),
+        option(metavar="A,B", help="Names, files, or: all, train, dev, val.", default="val"),
     ] = None
-    starts: Annotated[
-        int | None, arg(metavar="N", help="Number of start poses per scene.", help_behavior_hint="(default: 5)")
-    ] = None
+    starts: Annotated[int | None, option(metavar="N", help="Number of start poses per scene.", default="5")] = None
     models: Annotated[
         str | None,
-        arg(metavar="A,B", help="Names of models, or all.", help_behavior_hint="(default: semantic-nerfacto)"),
+        option(metavar="A,B", help="Names of models, or all.", default="semantic-nerfacto"),
     ] = None
     preset: PresetName = None
     grid: Annotated[
-        str | None, arg(metavar="GRID", help="Instead of names: paper, or a Python file that sets GRID.")
+        str | None,
+        option(
+            metavar="GRID",
+            help="Grid that replaces policies, scenes, starts and models: paper, or a Python file that sets GRID.",
+        ),
     ] = None
     optional: OptionalTasks = None
-    workers: Annotated[int, arg(help="Number of worker processes; 0: run in this process.")] = 1
+    workers: Annotated[int, option(help="Number of worker processes; 0: run in this process.")] = 1
     scheduler: Annotated[
-        str | None, arg(metavar="ADDRESS", help="Address of a dask.distributed scheduler that runs the cells.")
+        str | None, option(metavar="ADDRESS", help="Address of a dask.distributed scheduler that runs the cells.")
     ] = None
     timeout: Annotated[
         float | None,
-        arg(
+        option(
             metavar="X",
             help="Time limit per cell in seconds.",
-            help_behavior_hint="(default: 3600; with finetuning: 43200)",
+            default="3600; with finetuning: 43200",
         ),
     ] = None
     memory_gb: Annotated[
         float | None,
-        arg(metavar="X", help="Memory limit per cell in GB.", help_behavior_hint="(default: the share of a worker)"),
+        option(metavar="X", help="Memory limit per cell in GB.", default="an equal share of 90 % of the memory"),
     ] = None
     retry: Annotated[
-        str | None, arg(metavar="A,B", help="Run unfinished cells again: timeout, oom, died, or failed (all).")
+        str | None,
+        option(
+            metavar="A,B",
+            help="Run cells with this status again: timeout, oom, died; or failed: all cells that have not succeeded.",
+        ),
     ] = None
-    save_runs: Annotated[bool, arg(help="Save the run folder of each cell in OUT/runs.")] = False
-    dry_run: Annotated[bool, arg(help="Print the cells and the estimated cost, and exit.")] = False
+    save_runs: Annotated[bool, option(help="Save the run folder of each cell in OUT/runs.")] = False
+    dry_run: Annotated[bool, option(help="Print the cells and the estimated cost, and exit.")] = False
     lpips: LpipsOptions = NO_LPIPS
 
     def run(self) -> None:
@@ -112,8 +122,8 @@ class BenchRunCommand:
 class BenchCompareCommand:
     """Compare two results folders: score differences, second minus first, paired by scene and start."""
 
-    first: Annotated[Positional[Path], arg(help="First results folder.")]
-    second: Annotated[Positional[Path], arg(help="Second results folder.")]
+    first: Annotated[Positional[Path], option(help="First results folder.")]
+    second: Annotated[Positional[Path], option(help="Second results folder.")]
 
     def run(self) -> None:
         """Print a Markdown table."""
@@ -129,9 +139,9 @@ class BenchCompareCommand:
 class BenchReportCommand:
     """Write an HTML report of one or several results folders."""
 
-    folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="FOLDER ...", help="Results folders.")]
+    folders: Annotated[Positional[tuple[Path, ...]], option(metavar="FOLDER ...", help="One or more results folders.")]
     out: Annotated[
-        Path | None, arg(help="Output .html file.", help_behavior_hint="(default: report.html in the first folder)")
+        Path | None, option(metavar="FILE", help="Output .html file.", default="report.html in the first folder")
     ] = None
 
     def run(self) -> None:

@@ -3,20 +3,18 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from tyro.conf import arg
-
-from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, OptionalTasks, Overwrite, RunPath, split_names
+from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, OptionalTasks, Overwrite, RunPath, option, split_names
 
 
 @dataclass(frozen=True)
 class EvaluateCommand:
-    """Evaluate the radiance field of a run on every task: RUN/scores.json."""
+    """Evaluate the radiance field of a run on all tasks that are not optional, and write RUN/scores.json."""
 
     folder: RunPath
     overwrite: Overwrite = False
-    upstream: Annotated[bool, arg(help="Also compute the scores as defined by the paper's released code.")] = False
+    upstream: Annotated[bool, option(help="Also compute the scores as defined by the paper's released code.")] = False
     optional: OptionalTasks = None
-    interest_regions: Annotated[bool, arg(help="Sample the pixels of pose refinement in interest regions.")] = False
+    interest_regions: Annotated[bool, option(help="Sample the pixels of pose refinement in interest regions.")] = False
     lpips: LpipsOptions = NO_LPIPS
 
     def run(self) -> None:

@@ -4,25 +4,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
-from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, ModelName, Overwrite
+from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, ModelName, Overwrite, option
 from autonerf_lab.errors import DataError
 
 
 @dataclass(frozen=True)
 class FitCommand:
-    """Train a radiance field on the trajectory of a run (RUN/nerf), or on photographs with poses (with --out).
+    """Train a radiance field on the trajectory of a run, or on photographs with poses (needs --out).
 
-    Photographs are a folder with a transforms.json of nerfstudio or instant-ngp. Every eighth photograph, or the test
-    set of the file, is held out. OUT/nerf is the field, OUT/scores.json its scores on the held-out photographs.
+    For a run, the field is written to RUN/nerf. Photographs are a folder with a transforms.json of nerfstudio or
+    instant-ngp. The test set of the file is held out, or else every eighth photograph. The field is written to
+    OUT/nerf, and its scores on the held-out photographs to OUT/scores.json.
     """
 
-    folder: Annotated[Positional[Path], arg(help="Run folder, or folder of photographs.")]
+    folder: Annotated[Positional[Path], option(help="Run folder, or folder of photographs.")]
     model: ModelName = "semantic-nerfacto"
-    out: Annotated[Path | None, arg(help="Output folder for photographs. Not for a run.")] = None
-    preset: Annotated[str | None, arg(metavar="NAME", help="Preset, for photographs only.")] = None
-    seed: Annotated[int | None, arg(help="Random seed, for photographs only.")] = None
+    out: Annotated[Path | None, option(metavar="PATH", help="Output folder, for photographs only.")] = None
+    preset: Annotated[
+        str | None,
+        option(metavar="NAME", help="Preset, for photographs only.", default="AUTONERF_LAB_PRESET, else fast"),
+    ] = None
+    seed: Annotated[int | None, option(metavar="INT", help="Random seed, for photographs only.", default="0")] = None
     overwrite: Overwrite = False
     lpips: LpipsOptions = NO_LPIPS
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import tyro
-from tyro.conf import arg, subcommand
+from tyro.conf import subcommand
 
 from autonerf_lab import __version__
 from autonerf_lab.cli.bench import BenchCommand
@@ -21,6 +21,7 @@ from autonerf_lab.cli.evaluate import EvaluateCommand
 from autonerf_lab.cli.explore import ExploreCommand
 from autonerf_lab.cli.fit import FitCommand
 from autonerf_lab.cli.mesh import MeshCommand
+from autonerf_lab.cli.options import option
 from autonerf_lab.cli.play import PlayCommand
 from autonerf_lab.cli.point_cloud import PointCloudCommand
 from autonerf_lab.cli.report import ReportCommand
@@ -53,9 +54,9 @@ class CommandLine:
         | Annotated[BenchCommand, subcommand("bench")]
         | Annotated[RewardsCommand, subcommand("rewards")]
     )
-    debug: Annotated[bool, arg(help="Show the traceback of an error.")] = False
-    strict_plugins: Annotated[bool, arg(help="Treat broken plug-ins as errors.")] = False
-    version: Annotated[bool, arg(help="Show the version and exit.")] = False
+    debug: Annotated[bool, option(help="Show the traceback of an error.")] = False
+    strict_plugins: Annotated[bool, option(help="Treat broken plug-ins as errors.")] = False
+    version: Annotated[bool, option(help="Show the version and exit.")] = False
 
 
 _STYLE = (
@@ -82,17 +83,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "--version" in arguments:  # needs no command
         print(f"autonerf-lab {__version__}")
         return 0
-    parsed = tyro.cli(CommandLine, prog="autonerf-lab", args=arguments, config=_STYLE)
+    debug = False
     try:
+        parsed = tyro.cli(CommandLine, prog="autonerf-lab", args=arguments, config=_STYLE)
+        debug = parsed.debug
         with plugins.strict() if parsed.strict_plugins else contextlib.nullcontext():
             parsed.command.run()
     except AutoNerfError as error:
-        if parsed.debug:
+        if debug:
             traceback.print_exc()
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        if parsed.debug:
+        if debug:
             traceback.print_exc()
         print("\ninterrupted: run the same command again to continue", file=sys.stderr)
         return 130

@@ -3,21 +3,17 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from tyro.conf import arg
-
-from autonerf_lab.cli.options import Overwrite, RunPath
+from autonerf_lab.cli.options import Overwrite, RunPath, option
 
 
 @dataclass(frozen=True)
 class MeshCommand:
-    """Extract the mesh of the radiance field of a run, with colours and with classes: RUN/mesh."""
+    """Extract the mesh of the radiance field of a run, with colours and with classes, and write it to RUN/mesh."""
 
     folder: RunPath
     overwrite: Overwrite = False
-    voxel: Annotated[
-        float | None, arg(metavar="METRES", help="Voxel size.", help_behavior_hint="(default: from the preset)")
-    ] = None
-    format: Annotated[str, arg(metavar="GLB|PLY", help="File format: glb (y up) or ply (z up).")] = "glb"
+    voxel: Annotated[float | None, option(metavar="METRES", help="Voxel size.", default="from the preset")] = None
+    format: Annotated[str, option(metavar="GLB|PLY", help="File format: glb (y up) or ply (z up).")] = "glb"
 
     def run(self) -> None:
         """Run the stage."""

@@ -11,29 +11,46 @@ from autonerf_lab.errors import DataError
 if TYPE_CHECKING:
     from autonerf_lab.evaluators.lpips import Lpips
 
+
+def option(help: str, default: str | None = None, metavar: str | None = None) -> Any:
+    """Describe an option of a command.
+
+    Args:
+        help: Help text.
+        default: Text of the default; None: the default value, and nothing for False, None and an empty tuple.
+        metavar: Placeholder of the value; None: the name of its type.
+    """
+
+    def hint(value: str) -> str:
+        text = default or ("" if value in ("False", "None", "") else value)
+        return text and f"(default: {text})"
+
+    return arg(help=help, metavar=metavar, help_behavior_hint=hint)
+
+
 SceneName = Annotated[
-    str, arg(help="Scene: a name of `autonerf-lab scenes list`, or the path of a JSON, GLB, OBJ or PLY file.")
+    str, option(help="Scene: a name of `autonerf-lab scenes list`, or the path of a JSON, GLB, OBJ or PLY file.")
 ]
 PolicyName = Annotated[
-    str, arg(help="Policy: a name such as frontier or random, a .safetensors file of weights, or module:Class.")
+    str, option(help="Policy: a name such as frontier or random, a .safetensors file of weights, or module:Class.")
 ]
-ModelName = Annotated[str, arg(help="Model of the radiance field, such as semantic-nerfacto or instant-ngp.")]
+ModelName = Annotated[str, option(help="Model of the radiance field, such as semantic-nerfacto or instant-ngp.")]
 PresetName = Annotated[
     str | None,
-    arg(
+    option(
         metavar="NAME",
         help="Preset: smoke, fast or paper.",
-        help_behavior_hint="(default: AUTONERF_LAB_PRESET, else fast)",
+        default="AUTONERF_LAB_PRESET, else fast",
     ),
 ]
-Seed = Annotated[int, arg(help="Random seed.")]
-OutFolder = Annotated[Path, arg(help="Run folder.")]
-RunPath = Annotated[Positional[Path], arg(help="Run folder.")]
-FieldPath = Annotated[Positional[Path], arg(help="Run folder, or output folder of `autonerf-lab fit --out`.")]
-Overwrite = Annotated[bool, arg(help="Replace finished results. Only files written by this package are removed.")]
+Seed = Annotated[int, option(help="Random seed.")]
+OutFolder = Annotated[Path, option(help="Run folder.")]
+RunPath = Annotated[Positional[Path], option(help="Run folder.")]
+FieldPath = Annotated[Positional[Path], option(help="Run folder, or output folder of `autonerf-lab fit --out`.")]
+Overwrite = Annotated[bool, option(help="Replace finished results. Only files written by this package are removed.")]
 OptionalTasks = Annotated[
     str | None,
-    arg(metavar="A,B", help="Optional tasks: navigation (minutes per run), finetuning (hours per run)."),
+    option(metavar="A,B", help="Optional tasks: navigation (minutes per run), finetuning (hours per run)."),
 ]
 
 
@@ -43,21 +60,17 @@ class ExplorationOptions:
 
     steps: Annotated[
         int | None,
-        arg(metavar="N", help="Number of steps of the episode.", help_behavior_hint="(default: from the preset)"),
+        option(metavar="N", help="Number of steps of the episode.", default="from the preset"),
     ] = None
     map_size: Annotated[
         int | None,
-        arg(metavar="N", help="Side of the map of the policy, in cells of 5 cm.", help_behavior_hint="(default: 640)"),
+        option(metavar="N", help="Side length of the map, in cells of 5 cm.", default="640"),
     ] = None
-    width: Annotated[
-        int | None, arg(metavar="N", help="Image width in pixels.", help_behavior_hint="(default: from the preset)")
-    ] = None
-    height: Annotated[
-        int | None, arg(metavar="N", help="Image height in pixels.", help_behavior_hint="(default: from the preset)")
-    ] = None
+    width: Annotated[int | None, option(metavar="N", help="Image width in pixels.", default="from the preset")] = None
+    height: Annotated[int | None, option(metavar="N", help="Image height in pixels.", default="from the preset")] = None
     fov: Annotated[
         float | None,
-        arg(metavar="DEGREES", help="Horizontal field of view.", help_behavior_hint="(default: from the preset)"),
+        option(metavar="DEGREES", help="Horizontal field of view of the camera.", default="from the preset"),
     ] = None
 
     def overrides(self) -> dict[str, Any]:
@@ -76,9 +89,11 @@ class LpipsOptions:
     """Weights of LPIPS. Without them, LPIPS is not computed."""
 
     lpips_weights: Annotated[
-        Path | None, arg(metavar="FILE", help="LPIPS weights: VGG16 and heads as safetensors, see docs/evaluation.md.")
+        Path | None, option(metavar="FILE", help="File of the LPIPS weights (safetensors), see docs/evaluation.md.")
     ] = None
-    lpips_sha256: Annotated[str | None, arg(metavar="HEX", help="Required SHA-256 of the LPIPS weights.")] = None
+    lpips_sha256: Annotated[
+        str | None, option(metavar="HEX", help="Expected SHA-256 of this file; another file is an error.")
+    ] = None
 
     def load(self) -> "Lpips | None":
         """Load and check the weights.

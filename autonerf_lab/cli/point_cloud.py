@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
-from autonerf_lab.cli.options import FieldPath
+from autonerf_lab.cli.options import FieldPath, option
 
 
 @dataclass(frozen=True)
@@ -14,7 +12,7 @@ class PointCloudCommand:
     """Export a radiance field as a point cloud (PLY) with colours and, if the field has them, classes."""
 
     folder: FieldPath
-    out: Annotated[Path, arg(help="Output .ply file.")]
+    out: Annotated[Path, option(help="Output .ply file.")]
 
     def run(self) -> None:
         """Render the depth of training views and write the points."""

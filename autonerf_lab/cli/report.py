@@ -7,7 +7,7 @@ from autonerf_lab.cli.options import RunPath
 
 @dataclass(frozen=True)
 class ReportCommand:
-    """Write the report of a run: RUN/report.html. An existing report is replaced."""
+    """Write the report of a run to RUN/report.html. An existing report is replaced."""
 
     folder: RunPath
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg, subcommand
+from tyro.conf import Positional, subcommand
 
+from autonerf_lab.cli.options import option
 from autonerf_lab.errors import DataError
 
 if TYPE_CHECKING:
@@ -30,9 +31,11 @@ class ScenesListCommand:
 class ScenesShowCommand:
     """Print the size and the objects of a scene; with --out, write its top view; with --page, a 3-D page."""
 
-    name: Annotated[Positional[str], arg(help="Name in the scene library, or file.")]
-    out: Annotated[Path | None, arg(help="Output .png file of the top view.")] = None
-    page: Annotated[Path | None, arg(help="Output .html file of the self-contained 3-D page.")] = None
+    name: Annotated[Positional[str], option(help="Name in the scene library, or path of a scene file.")]
+    out: Annotated[Path | None, option(metavar="FILE", help="Output .png file of the top view.")] = None
+    page: Annotated[Path | None, option(metavar="FILE", help="Output .html file of the self-contained 3-D page.")] = (
+        None
+    )
 
     def run(self) -> None:
         """Print size and objects."""
@@ -56,8 +59,8 @@ class ScenesShowCommand:
 class ScenesGenerateCommand:
     """Generate an apartment from a random seed and write its specification."""
 
-    seed: Annotated[Positional[int], arg(help="Random seed.")]
-    out: Annotated[Path, arg(help="Output file: .json (specification, usable as a scene) or .glb (mesh).")]
+    seed: Annotated[Positional[int], option(help="Random seed.")]
+    out: Annotated[Path, option(help="Output file: .json (specification, usable as --scene) or .glb (mesh).")]
 
     def run(self) -> None:
         """Generate and write the scene."""
@@ -70,8 +73,10 @@ class ScenesGenerateCommand:
 class ScenesImportCommand:
     """Import a scan (GLB, OBJ, PLY) and align its floor, or furnish a floor plan (HouseExpo JSON)."""
 
-    path: Annotated[Positional[Path], arg(help="Input file.")]
-    out: Annotated[Path | None, arg(help="Output file: .glb, or .json for a furnished floor plan.")] = None
+    path: Annotated[Positional[Path], option(help="Input file.")]
+    out: Annotated[
+        Path | None, option(metavar="FILE", help="Output file: .glb, or .json for a furnished floor plan.")
+    ] = None
 
     def run(self) -> None:
         """Import the scene and, with --out, write it."""
@@ -87,9 +92,9 @@ class ScenesImportCommand:
 class ScenesExportCommand:
     """Export a scene as GLB, with its texture or class colours, and its semantics as JSON."""
 
-    name: Annotated[Positional[str], arg(help="Name in the scene library, or file.")]
-    out: Annotated[Path, arg(help="Output .glb file.")]
-    semantic: Annotated[bool, arg(help="Use the class colours.")] = False
+    name: Annotated[Positional[str], option(help="Name in the scene library, or path of a scene file.")]
+    out: Annotated[Path, option(help="Output .glb file.")]
+    semantic: Annotated[bool, option(help="Use the class colours instead of the texture.")] = False
 
     def run(self) -> None:
         """Load and export the scene."""

@@ -4,21 +4,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from tyro.conf import arg
-
+from autonerf_lab.cli.options import option
 from autonerf_lab.errors import DataError
 
-# Heavy imports wait inside the commands: `--help` answers at once.
 
-
-def whole(text: str) -> int:
+def positive_integer(text: str) -> int:
     """Parse a positive whole number: 2000000, 2e6 or 2_000_000.
 
     Raises:
         DataError: not a positive whole number.
 
     Example:
-        >>> whole("2e6")
+        >>> positive_integer("2e6")
         2000000
     """
     try:
@@ -32,27 +29,35 @@ def whole(text: str) -> int:
 
 @dataclass(frozen=True)
 class TrainPolicyCommand:
-    """Train a policy in the training scenes, by imitation and PPO. After an interruption, repeat the command."""
+    """Train a policy in the training scenes, by imitation and PPO.
 
-    policy: Annotated[str, arg(help="modular-REWARD or e2e-REWARD, for example modular-obs; or pointgoal.")] = (
+    After an interruption, the same command continues.
+    """
+
+    policy: Annotated[str, option(help="modular-REWARD or e2e-REWARD, for example modular-obs; or pointgoal.")] = (
         "modular-obs"
     )
     frames: Annotated[
         str | None,
-        arg(
-            help="Number of robot actions, rounded up to whole rollouts; waypoints that are reached early reduce it. "
-            "Default: 1.5e6, 5e5 for e2e, 2e6 for pointgoal."
+        option(
+            metavar="N",
+            help="Number of robot actions, rounded up to whole rollouts. The actual number is smaller if waypoints are "
+            "reached early.",
+            default="1.5e6; e2e: 5e5; pointgoal: 2e6",
         ),
     ] = None
     start: Annotated[
-        str | None, arg(help="Initial weights instead of imitation: a built-in policy or a .safetensors file.")
+        str | None,
+        option(
+            metavar="POLICY", help="Initial weights instead of imitation: a built-in policy or a .safetensors file."
+        ),
     ] = None
-    workers: Annotated[int, arg(help="Number of worker processes.")] = 2
-    seed: Annotated[int, arg(help="Random seed.")] = 0
-    out: Annotated[Path | None, arg(help="Output folder. Default: runs/policies/POLICY.")] = None
-    network: Annotated[Literal["compact", "paper"], arg(help="Policy interface and network of a modular policy.")] = (
-        "compact"
-    )
+    workers: Annotated[int, option(help="Number of worker processes.")] = 2
+    seed: Annotated[int, option(help="Random seed.")] = 0
+    out: Annotated[Path | None, option(metavar="PATH", help="Output folder.", default="runs/policies/POLICY")] = None
+    network: Annotated[
+        Literal["compact", "paper"], option(help="Policy interface and network of a modular policy.")
+    ] = "compact"
 
     def run(self) -> None:
         """Train the policy, save the learning curve and print the path of the weights."""
@@ -61,7 +66,7 @@ class TrainPolicyCommand:
         from autonerf_lab.training.train import train_policy
         from autonerf_lab.viz.figures.training import learning_curve
 
-        chosen: dict[str, Any] = {} if self.frames is None else {"frames": whole(self.frames)}
+        chosen: dict[str, Any] = {} if self.frames is None else {"frames": positive_integer(self.frames)}
         if self.network == "paper":
             chosen["network"] = {"kind": "paper", "viewpoints": self.policy.endswith("-view")}
         settings = settings_of(self.policy, seed=self.seed, **chosen)

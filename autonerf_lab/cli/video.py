@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
-from autonerf_lab.cli.options import FieldPath
+from autonerf_lab.cli.options import FieldPath, option
 
 FRAMES_PER_SECOND = 24
 
@@ -16,12 +14,14 @@ class VideoCommand:
     """Render a video of a radiance field along its training poses."""
 
     folder: FieldPath
-    out: Annotated[Path, arg(help="Output .mp4 or .gif file.")]
-    what: Annotated[str, arg(help="Content: rgb, depth, semantics, opacity, or all (the first three).")] = "rgb"
-    seconds: Annotated[float, arg(help="Duration of the video in seconds.")] = 10.0
+    out: Annotated[Path, option(help="Output .mp4 or .gif file.")]
+    layer: Annotated[
+        str, option(metavar="NAME", help="Image layer: rgb, depth, semantics, opacity, or all (the first three).")
+    ] = "rgb"
+    seconds: Annotated[float, option(help="Duration of the video in seconds.")] = 10.0
     height: Annotated[
         int | None,
-        arg(metavar="N", help="Image height in pixels.", help_behavior_hint="(default: as the training images)"),
+        option(metavar="N", help="Image height in pixels.", default="that of the training images"),
     ] = None
 
     def run(self) -> None:
@@ -35,4 +35,4 @@ class VideoCommand:
             width = max(1, round(self.height * field.intrinsics.width / field.intrinsics.height))
             intrinsics = field.intrinsics.resized(width, self.height)
         path = trajectory_path(field, round(FRAMES_PER_SECOND * self.seconds))
-        print(save_video(field, path, self.out, FRAMES_PER_SECOND, self.what, intrinsics))
+        print(save_video(field, path, self.out, FRAMES_PER_SECOND, self.layer, intrinsics))

@@ -5,9 +5,7 @@ import time
 from dataclasses import dataclass
 from typing import Annotated
 
-from tyro.conf import arg
-
-from autonerf_lab.cli.options import FieldPath
+from autonerf_lab.cli.options import FieldPath, option
 
 
 @dataclass(frozen=True)
@@ -15,7 +13,7 @@ class ViewCommand:
     """Show a radiance field in a local web browser. Stop with Ctrl-C."""
 
     folder: FieldPath
-    port: Annotated[int, arg(help="Port of the web server; 0: any free port.")] = 0
+    port: Annotated[int, option(help="Port of the web server; 0: any free port.")] = 0
 
     def run(self) -> None:
         """Serve the page until Ctrl-C."""

@@ -224,8 +224,8 @@ def _view(content: dict, frame: dict, file: Path, where: str) -> tuple[Intrinsic
         rotate = _same_aspect(size[::-1], announced) and is_rotated(file)
         if not rotate:
             raise DataError(
-                f"{file} has {size[0]}x{size[1]} pixels, another aspect ratio than the announced "
-                f"{announced[0]}x{announced[1]}; correct 'w' and 'h', or the image"
+                f"{file} has {size[0]}x{size[1]} pixels, but its frame has {announced[0]}x{announced[1]}: the aspect "
+                "ratios differ; correct 'w' and 'h', or the image"
             )
     return camera if size == announced else camera.resized(*(size[::-1] if rotate else size)), rotate
 
@@ -243,7 +243,9 @@ def _shrink_factor(cameras: Iterable[Intrinsics], pixel_bytes: int, max_bytes: i
         if need <= max_bytes:
             break
         if factor > sizes.max():
-            raise DataError(f"{path}: {len(sizes)} images do not fit into max_bytes={max_bytes}; raise it")
+            raise DataError(
+                f"{path}: {len(sizes)} images do not fit into max_bytes={max_bytes}; use a larger max_bytes"
+            )
     if factor > 1:
         warnings.warn(
             f"{path}: the images are downscaled {factor} times to fit into max_bytes={max_bytes}", stacklevel=3

@@ -142,7 +142,7 @@ def _opened(file: Path, png_size: tuple[int, int] | None, formats: tuple[str, ..
 
 
 def resample(array: np.ndarray, size: tuple[int, int], shrink: int = 1) -> np.ndarray:
-    """Resample a layer to the pixels of an image by nearest neighbours, because a mean of classes is another class.
+    """Resample a layer to the pixels of an image by nearest neighbours, because a mean of class indices is not a class.
 
     Args:
         array: (h, w) layer of the same view as the image.

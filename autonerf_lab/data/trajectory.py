@@ -80,6 +80,8 @@ class Trajectory:
             # An old transforms.json beside half of the new images would look finished.
             (folder / "transforms.json").unlink(missing_ok=True)
             for name in _FOLDERS.values():
+                if (folder / name).is_symlink():
+                    raise DataError(f"{folder / name} is a symbolic link, which is not followed; choose another folder")
                 for stale in (folder / name).glob("frame_*.png"):
                     stale.unlink()
             for key in layers:
@@ -134,7 +136,9 @@ and was it finished?
     shape, count = (size[1], size[0]), len(data.frames)
     need = count * shape[0] * shape[1] * 8
     if need > max_bytes:
-        raise DataError(f"{path}: the images need {need} bytes, more than max_bytes={max_bytes}; raise it")
+        raise DataError(
+            f"{path}: the images need {need} bytes, more than max_bytes={max_bytes}; use a larger max_bytes"
+        )
     readers: dict[str, tuple[Callable[..., np.ndarray], tuple[int, ...], str]] = {
         "file_path": (read_rgb, (3,), "u1"),
         "depth_file_path": (read_depth, (), "f4"),

@@ -72,7 +72,7 @@ def read_transforms(path: Path, *, strict: bool = False) -> Transforms:
     Raises:
         DataError: the file is missing or damaged, or a frame or pose is not valid.
     """
-    content = read_json(path)
+    content = read_json(path, dict[str, Any])
     meta, frames = read_meta(content, path), read_frames(content, path)
     read = read_rigid_pose if strict else read_pose
     poses = [read(frame.get("transform_matrix"), f"{path}: frame {t}") for t, frame in enumerate(frames)]
@@ -132,13 +132,13 @@ def read_path(value: object, key: str, where: object) -> str:
         'images/a.png'
         >>> read_path("../a.png", "file_path", "a.json")
         Traceback (most recent call last):
-        autonerf_lab.errors.DataError: a.json: 'file_path' leaves the folder: '../a.png'; move the files into it
+        autonerf_lab.errors.DataError: a.json: 'file_path' is outside the folder: '../a.png'; move the files into it
     """
     if not isinstance(value, str) or not value or "\0" in value:
         raise DataError(f"{where}: {key!r} must be a path")
     path = PurePosixPath(value.replace("\\", "/"))
     if path.is_absolute() or PureWindowsPath(value).anchor or ".." in path.parts:
-        raise DataError(f"{where}: {key!r} leaves the folder: {value[:80]!r}; move the files into it")
+        raise DataError(f"{where}: {key!r} is outside the folder: {value[:80]!r}; move the files into it")
     return str(path)
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.policies.interfaces import MAP_WINDOWS, WINDOW_METRES
-from autonerf_lab.rewards import PrivilegedReward, Reward, evaluate, make_reward, name_of
+from autonerf_lab.rewards import PrivilegedReward, Reward, evaluate, make_reward, name_of, reset_reward
 from autonerf_lab.scenes import Scene, load_scene, scene_names
 from autonerf_lab.simulator import MotionNoise, Simulator
-from autonerf_lab.types import MapState, Observation, Transition
+from autonerf_lab.types import MapState, Observation, Transition, read_only
 
 ObsDict = dict[str, Any]  # observation of an environment
 ActType = TypeVar("ActType")
@@ -111,7 +111,8 @@ class MappingEnv(SceneEnv[ActType]):
 
     Raises:
         UnknownNameError: unknown scene or reward.
-        RewardError: during an episode, a reward raised or is not a finite number; names reward, value and step.
+        RewardError: during an episode, a reward raised or is not a finite number; names reward, value and step. At a
+            reset, its ``reset`` raised.
     """
 
     def __init__(self, reward: str | Reward = "cov", max_steps: int = 1500, window: int = 240, **options: Any) -> None:
@@ -124,7 +125,7 @@ class MappingEnv(SceneEnv[ActType]):
 
     @property
     def map(self) -> MapState:
-        """Map of this episode. Buffers are reused after two steps; copy to keep."""
+        """Map of this episode, read-only. Buffers are reused after two steps; copy to keep."""
         assert self._mapper is not None, "reset the environment first"
         return self._mapper.map
 
@@ -134,9 +135,7 @@ class MappingEnv(SceneEnv[ActType]):
         self._mapper = Mapper(start, self._intrinsics)
         self._mapper.add(observation)
         self._path = 0.0
-        reset = getattr(self.reward, "reset", None)
-        if reset is not None:
-            reset(self.np_random)
+        reset_reward(self.reward, self.np_random, self._reward_name)
         if isinstance(self.reward, PrivilegedReward):
             self.reward.set_references([self._reference() for _ in range(self.reward.references)])
         self._terms = {}
@@ -147,7 +146,7 @@ class MappingEnv(SceneEnv[ActType]):
         """Render the scene at a random navigable pose: ground truth for a privileged reward, never for a policy."""
         pose = self._sim.sample_pose(self.np_random)
         frame = self._sim.render(pose, self._rgb)
-        return Observation(frame.rgb, frame.depth, frame.semantics, pose)
+        return read_only(Observation(frame.rgb, frame.depth, frame.semantics, pose))
 
     def _count_terms(self) -> None:
         for name, value in getattr(self.reward, "terms", dict)().items():
@@ -160,7 +159,8 @@ class MappingEnv(SceneEnv[ActType]):
         self._observation = observation = self._sim.step(action)
         self._path += float(np.linalg.norm(self._sim.pose[:2, 3] - before_move))
         before, after = self._mapper.add(observation)
-        reward = evaluate(self.reward, Transition(before, after, observation, action), self._reward_name)
+        transition = Transition(before, after, read_only(observation), action)
+        reward = evaluate(self.reward, transition, self._reward_name)
         self._count_terms()
         return reward
 

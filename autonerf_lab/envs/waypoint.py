@@ -33,7 +33,7 @@ class WaypointEnv(MappingEnv[Any]):
     Args:
         interface: policy interface; its cell is the cell of the map. None for the interface of the paper.
         rgb: render color images, which this environment does not need.
-        decisions: maximum number of waypoints per episode; None for no limit beside ``max_steps``.
+        decisions: maximum number of waypoints per episode; None: only ``max_steps`` limits an episode.
         options: arguments of :class:`~autonerf_lab.envs.base.MappingEnv` and its base class.
     """
 

@@ -1,12 +1,13 @@
 """Scores of a trajectory, without a field: coverage (task 8 of the protocol) and summed rewards of the paper."""
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from autonerf_lab.config import Preset
 from autonerf_lab.data.trajectory import Trajectory
+from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.coverage import area_under, coverage, visible_map
 from autonerf_lab.evaluators.metrics import METRICS, metrics_of
 from autonerf_lab.exploration import MAP_SIZE
@@ -85,6 +86,14 @@ def summed_rewards(trajectory: Trajectory) -> dict[str, float]:
     return {name: float(REWARDS[name](whole)) for name in SUMMED}
 
 
+@dataclass(frozen=True)
+class _CacheHeader:
+    """Header of a cached map."""
+
+    cell: float  # metres
+    size: int  # cells per side
+
+
 def cached_visible_map(sim: Simulator, poses: int, cache: Path) -> MapState:
     """Return :func:`visible_map`, from the cache if it is there.
 
@@ -98,11 +107,14 @@ def cached_visible_map(sim: Simulator, poses: int, cache: Path) -> MapState:
     """
     path = cache / f"{sim.scene.sha256[:16]}-{poses}.safetensors"
     if path.exists():
-        arrays, header = storage.read_arrays(path)
-        return MapState(**{name: _unpacked(arrays[name], header["size"]) for name in ARRAYS}, cell=header["cell"])
+        arrays, header = storage.read_arrays(path, _CacheHeader)
+        packed = (header.size, -(-header.size // 8))  # the last axis holds eight cells per byte
+        if any(name not in arrays or arrays[name].shape[-2:] not in (packed, (4, 4), (2,)) for name in ARRAYS):
+            raise DataError(f"{path} is damaged; remove it, and it is computed again")
+        return MapState(**{name: _unpacked(arrays[name], header.size) for name in ARRAYS}, cell=header.cell)
     visible = visible_map(sim, poses)
-    header = {"cell": visible.cell, "size": len(visible.explored)}
-    storage.write_arrays(path, {name: _packed(getattr(visible, name)) for name in ARRAYS}, header)
+    arrays = {name: _packed(getattr(visible, name)) for name in ARRAYS}
+    storage.write_arrays(path, arrays, {"cell": visible.cell, "size": len(visible.explored)})
     return visible
 
 

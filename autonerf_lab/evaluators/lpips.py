@@ -25,6 +25,7 @@ not depend on the format of the file.
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -59,8 +60,8 @@ class Lpips:
     """
 
     def __init__(self, path: str | Path, sha256: str | None = None) -> None:
-        arrays, _ = storage.read_arrays(path)
-        self.sha256 = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        arrays, _ = storage.read_arrays(path, dict[str, Any])
+        self.sha256 = hashlib.sha256(storage.read_bytes(path)).hexdigest()
         if sha256 is not None and sha256.lower() != self.sha256:
             raise DataError(f"{path} has the SHA-256 {self.sha256}, not {sha256}: the weights differ")
         shapes = {name: tuple(value.shape) for name, value in _vgg16().state_dict().items()}

@@ -2,7 +2,7 @@
 
 import html
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,15 @@ def _text(value: float | None, status: str = "ok") -> str:
     if value is None:
         return status.split(":", 1)[0] if status != "ok" else "–"  # the full reason is in the row
     return f"{value:.3g}"
+
+
+@dataclass(frozen=True)
+class _ScoresFile:
+    """Content of ``scores.json``."""
+
+    scores: list[Score]
+    weights: dict[str, str] = field(default_factory=dict)
+    details: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
 class Scores(list[Score]):
@@ -144,24 +153,14 @@ class Scores(list[Score]):
         Raises:
             DataError: the file is missing or damaged.
         """
-        content = storage.read_json(path)
-        rows, weights = content.get("scores"), content.get("weights", {})
-        if not isinstance(rows, list):
-            raise DataError(f"{path} has no list 'scores'; run the evaluation again")
         try:
-            loaded = [Score(**row) for row in rows]
-        except TypeError as error:
-            raise DataError(f"{path} holds a row that is not a score: {error}") from error
-        for row in loaded:
-            number = row.value is None or (isinstance(row.value, int | float) and not isinstance(row.value, bool))
-            if not (number and all(isinstance(t, str) for t in (row.task, row.metric, row.unit, row.status))):
-                raise DataError(f"{path} holds a row that is not a score: {row}")
-        if not isinstance(weights, dict) or not all(isinstance(text, str) for text in weights.values()):
-            raise DataError(f"{path}: 'weights' must hold a SHA-256 for each metric; run the evaluation again")
-        scores = cls(loaded)
-        scores.weights.update(weights)
+            content = storage.read_json(path, _ScoresFile)
+        except DataError as error:
+            raise DataError(f"{error}; run the evaluation again") from error
+        scores = cls(content.scores)
+        scores.weights.update(content.weights)
+        scores.details.update(content.details)
         try:
-            scores.details.update(content.get("details", {}))
             for task in scores.details:  # formatting fails on damaged values
                 " ".join(map("".join, scores.details_table(task)))
         except (AttributeError, KeyError, TypeError, ValueError) as error:

@@ -1,6 +1,7 @@
 """Replay of a trajectory: the robot's map at some of its steps, rebuilt from the recorded observations."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,6 +55,12 @@ class Replay:
         stacked = np.concatenate(points)
         margin = _MARGIN if self.maps is not None else 1.0
         return np.stack([stacked.min(axis=0) - margin, stacked.max(axis=0) + margin])
+
+
+def union_box(replays: Sequence[Replay]) -> np.ndarray:
+    """Return the smallest box around all known areas: (2, 2), lower and upper corner, world x, y in metres."""
+    boxes = np.stack([replay.bounds() for replay in replays])
+    return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
 def replay_map(trajectory: Trajectory, steps: np.ndarray) -> Replay:

@@ -12,7 +12,7 @@ from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.mapping import empty_map, update
 from autonerf_lab.policies import Policy, make_policy
 from autonerf_lab.simulator import Simulator
-from autonerf_lab.types import MapState
+from autonerf_lab.types import MapState, read_only
 
 MAP_SIZE = 640  # cells; 32 m contain an apartment of 15 m for any start pose
 _POLICY_STREAM = 1  # second word of the policy's seed, so that its random numbers differ from those of the start pose
@@ -83,7 +83,7 @@ def explore(
         true_poses[t] = planar_from_pose(sim.pose)
         explored.append(round(float(np.count_nonzero(map.explored)) * map.cell**2, 4))
         path.append(round(length, 4))
-        actions.append(int(chosen.act(map, observation)))
+        actions.append(int(chosen.act(read_only(map), read_only(observation))))
         waypoints.append(None if chosen.waypoint is None else [round(float(v), 2) for v in chosen.waypoint])
         collided.append(sim.move(actions[-1]))
         length += float(np.linalg.norm(sim.pose[:2, 3] - true_poses[t, :2]))

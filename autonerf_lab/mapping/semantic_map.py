@@ -18,7 +18,7 @@ from numba import njit
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.geometry import AGENT_RADIUS, Intrinsics
-from autonerf_lab.types import MapState, Observation
+from autonerf_lab.types import MapState, Observation, read_only
 
 MAP_SIZE = 480  # cells
 MAP_CELL = 0.05  # metres
@@ -107,10 +107,13 @@ class Mapper:
         self._intrinsics = intrinsics
         self._buffers = [_copied(start), _copied(start)]
         self._touched: tuple[slice, slice] | None = None
-        self.map = self._buffers[0]
+        self.map = read_only(self._buffers[0])
 
     def add(self, observation: Observation) -> tuple[MapState, MapState]:
-        """Return the map before and after one more observation. Buffers are reused after two calls; copy to keep."""
+        """Return the map before and after one more observation, read-only.
+
+        Buffers are reused after two calls; copy to keep.
+        """
         before, stale = self._buffers
         if self._touched is not None:
             for name in _CHANNELS:
@@ -118,8 +121,8 @@ class Mapper:
         after = replace(stale, pose=np.array(observation.pose, dtype=np.float64))
         self._touched = _write(after, observation, self._intrinsics)
         self._buffers = [after, before]
-        self.map = after
-        return before, after
+        seen_before, self.map = self.map, read_only(after)
+        return seen_before, self.map
 
 
 def _copied(map: MapState) -> MapState:

@@ -23,12 +23,15 @@ from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.radiance_field import NeRF
-from autonerf_lab.nerf.ray_batch import Array
+from autonerf_lab.nerf.ray_batch import Array, Arrays, Rays
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.nerf.tensorboard import TensorBoardLog
 from autonerf_lab.nerf.visibility import VOXEL, Visibility, carve
 
+PATIENCE = 10  # skipped batches in a row before the state returns to a snapshot
+MAX_RETRIES = 3  # returns before the training stops
+SNAPSHOT_EVERY = 250  # steps
 SEEN_REACH = 8.0  # largest distance that counts as seen in photographs, units of the field
 FAR_AWAY = 1000.0  # end of the rays of photographs, units of the field
 
@@ -84,7 +87,7 @@ def fit(
         DataError: the data cannot be learned from.
         DeviceError: the device does not exist on this machine.
         MissingPackageError: ``log_dir`` without TensorBoard.
-        TrainingError: a loss is not finite, or memory is short.
+        TrainingError: the losses stay not finite after retries, or memory is short.
     """
     check_device(device)
     spec = model_spec(model)
@@ -121,7 +124,7 @@ def fit(
         ) from error
     meta: dict[str, Any] = {key: data.meta.get(key) for key in ("scene", "scene_sha256", "policy", "start")}
     meta |= {"model": spec.name, "preset": chosen.name, "seed": seed, "steps": state.step}
-    meta |= {"train_psnr": state.psnr, "seconds": state.seconds}
+    meta |= {"train_psnr": state.psnr, "seconds": state.seconds, "skipped_steps": state.skipped}
     return NeRF(built, poses, data.intrinsics[0], visibility, meta, frame, classes)
 
 
@@ -163,6 +166,7 @@ def _train(
     """Train until the number of steps, or the number of seconds, is reached."""
     settings = state.model.settings
     started = time.perf_counter() - state.seconds
+    state.take_snapshot()
     with tqdm(total=settings.steps, initial=state.step, disable=not progress, desc="fit", unit="step") as bar:
         while True:
             state.seconds = time.perf_counter() - started
@@ -182,25 +186,55 @@ def _train(
 def train_step(state: TrainingState, pixels: PixelSampler, rate: float) -> None:
     """Update the model by one batch of pixels, at a learning rate.
 
+    A batch with a loss or gradient that is not finite is skipped. After :data:`PATIENCE` skipped batches in a row, the
+    state returns to its last snapshot with half of the learning rate.
+
     Raises:
-        TrainingError: a loss or gradient is not finite; the parameters are unchanged.
+        TrainingError: the training failed again after :data:`MAX_RETRIES` returns; the last checkpoint is valid.
     """
     model = state.model
+    if state.step % SNAPSHOT_EVERY == 0 and not state.failures:
+        state.take_snapshot()
     chosen = pixels.sample(model.settings.rays, state.rng, model.settings.rays_by_class)
-    gradients, losses = model.train_step(pixels.rays(chosen), pixels.targets(chosen), state.rng)
+    rays = pixels.rays(chosen)
+    gradients, losses = model.train_step(rays, pixels.targets(chosen), state.rng)
     broken = [name for name, value in losses.items() if not np.isfinite(value)]
     # Errors in a table reach the networks, too; checking only the networks is fast.
     broken += [name for name, value in gradients.items() if not name.endswith("table") and not _finite(value)]
-    if broken:
-        raise TrainingError(
-            f"{', '.join(broken)} not finite at step {state.step}: training stopped, the last checkpoint is valid; "
-            "check the images and poses, or lower learning_rate"
-        )
-    state.optimizer.step(gradients, {name: rate * model.rate_factor(name) for name in gradients})
-    state.losses = losses
-    decibel = float(-10 * np.log10(max(losses["mse"], 1e-10)))
-    state.psnr = decibel if state.step == 0 else 0.98 * state.psnr + 0.02 * decibel
     state.step += 1
+    if broken:
+        _clear(gradients)  # the next step adds to these buffers
+        state.skipped += 1
+        state.failures += 1
+        if state.failures % PATIENCE == 0:
+            if state.failures > MAX_RETRIES * PATIENCE:
+                raise TrainingError(
+                    f"{', '.join(broken)} not finite in {state.failures} steps in a row up to step {state.step}, with "
+                    f"a learning rate lowered {MAX_RETRIES} times{_suspects(model, pixels, rays)}; check the images, "
+                    "poses and settings"
+                )
+            state.restore_snapshot()
+        return
+    state.failures = 0
+    rate *= state.rate_scale
+    state.optimizer.step(gradients, {name: rate * model.rate_factor(name) for name in gradients})
+    decibel = float(-10 * np.log10(max(losses["mse"], 1e-10)))
+    state.psnr = 0.98 * state.psnr + 0.02 * decibel if state.losses else decibel
+    state.losses = losses
+
+
+def _suspects(model: Model, pixels: PixelSampler, rays: Rays) -> str:
+    """Return the training images whose rays of a batch are not finite, as a part of an error message."""
+    assert rays.frames is not None
+    broken = ~np.isfinite(model.render_rays(rays.origins, rays.directions)[0]).all(axis=1)
+    names = [pixels.names[frame] for frame in np.unique(rays.frames[broken])[:5]]
+    return f" (images: {', '.join(names)})" if names else ""
+
+
+def _clear(gradients: Arrays) -> None:
+    for value in gradients.values():
+        if isinstance(value, np.ndarray):
+            value[...] = 0
 
 
 def _finite(value: Array) -> bool:

@@ -73,7 +73,7 @@ class Field(Protocol):
 
 
 class Sampler(Protocol):
-    """Placement of bins on rays, with parameters of its own where the placement is learned."""
+    """Placement of bins on rays. A learned placement has trained parameters."""
 
     parameters: Arrays  # trained by gradient
     state: dict[str, np.ndarray]  # updated in place by ``learn``

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from autonerf_lab.nerf.kernels.adam import adam
+from autonerf_lab.nerf.kernels.adam import MAX_GRADIENT, adam
 from autonerf_lab.nerf.ray_batch import Array, Arrays
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.99, 1e-15  # values of Nerfacto
@@ -52,6 +52,7 @@ def _update_array(p: np.ndarray, g: np.ndarray, m: np.ndarray, v: np.ndarray, ra
 @torch.no_grad()
 def _update_tensor(p: torch.Tensor, g: torch.Tensor, m: torch.Tensor, v: torch.Tensor, rate: float, step: int) -> None:
     touched = (g != 0).to(g.dtype)
+    g = g.clamp(-float(MAX_GRADIENT), float(MAX_GRADIENT))
     m.lerp_(g, touched * (1 - BETA_1))
     v.lerp_(g * g, touched * (1 - BETA_2))
     direction = (m / (1 - BETA_1**step)) / ((v / (1 - BETA_2**step)).sqrt() + EPSILON)

@@ -19,6 +19,7 @@ class PixelSampler:
     """
 
     def __init__(self, data: Dataset, frame: FieldFrame) -> None:
+        self.names = data.names
         self.poses = frame.poses_to_field(data.poses).astype(np.float32)
         sizes = [image.shape[0] * image.shape[1] for image in data.images]
         self.first = np.concatenate([[0], np.cumsum(sizes)])  # first pixel of each image

@@ -1,5 +1,6 @@
 """Trained radiance fields: images from any camera, and densities, colours and classes at any point."""
 
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics, camera_rays
-from autonerf_lab.nerf.checkpoint import load_parts, save_parts, settings_to_json
+from autonerf_lab.nerf.checkpoint import FieldHeader, load_parts, save_parts, settings_to_json
 from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import Model, ModelSpec, check_device
 from autonerf_lab.nerf.models import MODELS, model_spec
@@ -164,36 +165,43 @@ def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | 
     arrays, header = load_parts(folder)
     spec = model or _installed_model(header, path)
     try:
-        plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header["settings"].items()}
+        plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in header.settings.items()}
         settings = type(next(iter(spec.settings.values())))(**plain)
-        box = SceneBox(
-            np.array(header["box"]["center"], np.float32),
-            np.array(header["box"]["half"], np.float32),
-            float(header["box"]["shell"]),
-        )
+        center, half = (np.array(values, np.float32) for values in (header.box.center, header.box.half))
         poses = arrays["cameras"]
-        built = spec.build(settings, box, len(poses), header["classes"], np.random.default_rng(0), device)
+        if min(half) <= 0 or header.box.shell <= 0 or not 0 <= header.classes <= NUM_CLASSES:
+            raise ValueError("box or classes out of range")
+        if poses.shape[1:] != (4, 4) or not all(np.isfinite(a).all() for a in arrays.values() if a.dtype.kind == "f"):
+            raise ValueError("poses have the wrong shape, or values are not finite")
+        box = SceneBox(center, half, header.box.shell)
+        built = spec.build(settings, box, len(poses), header.classes, np.random.default_rng(0), device)
         for prefix, group in (("parameter", built.parameters), ("state", built.state)):
             for name, value in group.items():
                 assign(value, arrays[f"{prefix}/{name}"])
-        grid = header["visibility"]
-        seen = np.unpackbits(arrays["visibility"], count=int(np.prod(grid["shape"]))).astype(bool)
-        visibility = Visibility(np.array(grid["origin"]), float(grid["voxel"]), seen.reshape(grid["shape"]))
-        intrinsics, meta = Intrinsics(**header["intrinsics"]), dict(header["meta"])
-        frame = FieldFrame(np.array(header["frame"]["origin"], np.float64), float(header["frame"]["unit"]))
-        return NeRF(built, poses, intrinsics, visibility, meta, frame, int(header["classes"]))
+        grid = header.visibility
+        voxels = math.prod(grid.shape)
+        if (
+            min(grid.shape) < 1
+            or len(arrays["visibility"]) != -(-voxels // 8)
+            or grid.voxel <= 0
+            or header.frame.unit <= 0
+        ):
+            raise ValueError("the visibility grid has another size, or a length is not positive")
+        seen = np.unpackbits(arrays["visibility"], count=voxels).astype(bool)
+        visibility = Visibility(np.array(grid.origin), grid.voxel, seen.reshape(grid.shape))
+        frame = FieldFrame(np.array(header.frame.origin), header.frame.unit)
+        return NeRF(built, poses, header.intrinsics, visibility, header.meta, frame, header.classes)
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path} does not describe a field ({error!r}); fit again") from error
 
 
-def _installed_model(header: dict[str, Any], path: Path) -> ModelSpec:
+def _installed_model(header: FieldHeader, path: Path) -> ModelSpec:
     """Return the registered model that a file names.
 
     Raises:
         DataError: the file names no model, or one that is not installed.
     """
-    meta = header.get("meta")
-    name, package = meta.get("model") if isinstance(meta, dict) else None, header.get("package")
+    name, package = header.meta.get("model"), header.package
     if not isinstance(name, str):
         raise DataError(f"{path} does not describe a field (it names no model); fit again")
     try:

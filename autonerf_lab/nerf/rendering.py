@@ -12,6 +12,7 @@ import torch
 LOG_SIGMA_START = -2.5
 OPAQUE = 1e-2  # transmittance below which a ray may stop
 MAX_LOG_SIGMA = 9.6  # upper limit of the log density
+SMALLEST = 1e-12  # smallest divisor
 
 
 def density_from_raw(raw: torch.Tensor) -> torch.Tensor:
@@ -65,7 +66,7 @@ def warp(t: torch.Tensor, turn: float) -> torch.Tensor:
 
 def unwarp(s: torch.Tensor, turn: float) -> torch.Tensor:
     """Invert :func:`warp`."""
-    return torch.where(s < 0.5, 2 * s * turn, 0.5 * turn / (1 - s))
+    return torch.where(s < 0.5, 2 * s * turn, 0.5 * turn / (1 - s).clamp(min=1e-7))
 
 
 def first_edges(near: float, far: float, turn: float, jitter: torch.Tensor, bins: int) -> torch.Tensor:
@@ -102,11 +103,11 @@ def resample(
         (R, bins + 1) increasing distances.
     """
     share = weights.detach() + padding
-    share = share / share.sum(dim=1, keepdim=True)
+    share = share / share.sum(dim=1, keepdim=True).clamp(min=SMALLEST)
     passed = torch.nn.functional.pad(share.cumsum(dim=1), (1, 0))
     u = (torch.arange(1, bins, device=edges.device) - 0.5 + jitter[:, None]) / bins
     bin_ = (torch.searchsorted(passed.contiguous(), u.contiguous()) - 1).clamp(0, weights.shape[1] - 1)
-    inside = ((u - passed.gather(1, bin_)) / share.gather(1, bin_)).clamp(0, 1)
+    inside = ((u - passed.gather(1, bin_)) / share.gather(1, bin_).clamp(min=SMALLEST)).clamp(0, 1)
     inner = edges.gather(1, bin_) + inside * (edges.gather(1, bin_ + 1) - edges.gather(1, bin_))
     return torch.cat([edges[:, :1], inner, edges[:, -1:]], dim=1)
 

@@ -1,6 +1,17 @@
 """Hyper-parameters of the models; :mod:`autonerf_lab.nerf.models` has their values for each preset."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
+from typing import Any, get_args, get_origin
+
+from autonerf_lab.errors import DataError
+
+MAX_COUNT = 1 << 24  # upper limit of every whole number, and of the entries of all hash levels together
+MAY_BE_ZERO = {
+    *("near", "semantic_weight", "rays_by_class", "distortion_weight", "depth_weight", "warmup", "min_weight"),
+    *("appearance", "interlevel_weight", "skip"),
+}
+SHARES = {"rays_by_class", "warmup", "min_weight", "decay"}  # at most 1
 
 
 @dataclass(frozen=True)
@@ -27,6 +38,30 @@ class Settings:
     warmup: float = 0.01  # share of the training in which the learning rate rises
     seen_rays: int = 400_000  # rays that carve the visibility grid after the training
 
+    def __post_init__(self) -> None:
+        """Check types and ranges.
+
+        Raises:
+            DataError: a value has the wrong type or is out of range; names it.
+        """
+        for entry in fields(self):
+            _check_value(entry.name, getattr(self, entry.name), entry.type)
+        if not self.near < self.far:
+            raise DataError(f"settings: near must be less than far, not {self.near} and {self.far}")
+
+    def _check_sizes(self, hidden: tuple[str, ...], levels: str, log2_entries: str) -> None:
+        """Check the sizes of a hash field: layers are multiples of 4, and the tables fit into memory."""
+        for name in hidden:
+            if getattr(self, name) % 4 or getattr(self, name) > 1024:
+                raise DataError(f"settings: {name} must be a multiple of 4 up to 1024, not {getattr(self, name)}")
+        count, exponent = getattr(self, levels), getattr(self, log2_entries)
+        if count % 2 or count > 32:
+            raise DataError(f"settings: {levels} must be even and at most 32, not {count}")
+        if exponent > 24 or count << exponent > MAX_COUNT:
+            raise DataError(
+                f"settings: {levels}={count} with {log2_entries}={exponent} exceed {MAX_COUNT} entries; lower one"
+            )
+
 
 @dataclass(frozen=True)
 class HashSettings(Settings):
@@ -43,11 +78,11 @@ class HashSettings(Settings):
     table_rate: float = 3.0  # learning rate of hash tables as a multiple: few batches update an entry
 
     def __post_init__(self) -> None:
-        for name in ("hidden", "appearance"):
-            if getattr(self, name) % 4:
-                raise ValueError(f"{name} must be a multiple of 4, not {getattr(self, name)}")
-        if self.levels % 2:
-            raise ValueError(f"levels must be even, not {self.levels}")
+        """Check types, ranges and sizes, as :meth:`Settings.__post_init__`."""
+        super().__post_init__()
+        self._check_sizes(("hidden", "appearance"), "levels", "log2_entries")
+        if not 1e-4 <= self.fine <= self.coarse:
+            raise DataError(f"settings: fine must be from 0.0001 to coarse={self.coarse}, not {self.fine}")
 
 
 @dataclass(frozen=True)
@@ -64,11 +99,13 @@ class ProposalSettings(HashSettings):
     interlevel_weight: float = 1.0
 
     def __post_init__(self) -> None:
+        """Check types, ranges and sizes, as :meth:`Settings.__post_init__`."""
         super().__post_init__()
-        if self.proposal_hidden % 4:
-            raise ValueError(f"proposal_hidden must be a multiple of 4, not {self.proposal_hidden}")
-        if self.proposal_levels % 2:
-            raise ValueError(f"proposal_levels must be even, not {self.proposal_levels}")
+        self._check_sizes(("proposal_hidden",), "proposal_levels", "proposal_log2_entries")
+        if not 1e-4 <= self.proposal_fine <= self.coarse:
+            raise DataError(
+                f"settings: proposal_fine must be from 0.0001 to coarse={self.coarse}, not {self.proposal_fine}"
+            )
 
 
 @dataclass(frozen=True)
@@ -101,3 +138,27 @@ class SemanticNerfSettings(Settings):
     fine_samples: int = 128  # additional bins of the fine field
     distortion_weight: float = 0.0
     seen_rays: int = 20_000
+
+
+def _check_value(name: str, value: Any, kind: Any) -> None:
+    """Check the type and the range of one setting."""
+    if kind is bool:
+        valid, wanted = isinstance(value, bool), "True or False"
+    elif kind is int:
+        least = 0 if name in MAY_BE_ZERO else 1
+        valid = isinstance(value, int) and not isinstance(value, bool) and least <= value <= MAX_COUNT
+        wanted = f"a whole number from {least} to {MAX_COUNT}"
+    elif kind is float:
+        most = 1.0 if name in SHARES else 1e6
+        valid = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        valid = valid and (value >= 0 if name in MAY_BE_ZERO else value > 0) and value <= most
+        wanted = f"a number {'from' if name in MAY_BE_ZERO else 'above'} 0 to {most:g}"
+    elif get_origin(kind) is tuple:
+        number = get_args(kind)[0]
+        valid = isinstance(value, tuple) and len(value) > 0
+        valid = valid and all(isinstance(v, int | number) and not isinstance(v, bool) and 0 < v <= 4096 for v in value)
+        wanted = f"a tuple of {'whole ' if number is int else ''}numbers above 0 to 4096"
+    else:  # a type of a model of one's own, which checks it itself
+        return
+    if not valid:
+        raise DataError(f"settings: {name} must be {wanted}, not {value!r}")

@@ -28,6 +28,13 @@ class StoredFigure:
     still: str = ""  # for an animation: a still image for print
 
 
+@dataclass(frozen=True)
+class _FigureList:
+    """Content of the list file."""
+
+    figures: list[StoredFigure]
+
+
 class Gallery:
     """Figures of one stage; :meth:`close` writes the list that the report reads.
 
@@ -101,12 +108,10 @@ def read_gallery(folder: Path, stage: str) -> list[StoredFigure]:
     if not path.exists():
         return []
     try:
-        figures = [StoredFigure(**row) for row in storage.read_json(path)["figures"]]
-    except (KeyError, TypeError) as error:
-        raise DataError(f"{path} is not a list of figures: {error!r}; run the stage again") from error
+        figures = storage.read_json(path, _FigureList).figures
+    except DataError as error:
+        raise DataError(f"{error}; run the stage again") from error
     for figure in figures:
-        if not all(isinstance(v, str) for v in asdict(figure).values()):
-            raise DataError(f"{path} is not a list of figures; run the stage again")
         for name in filter(None, (figure.file, figure.still)):
             if Path(name).name != name or Path(name).suffix not in (".png", ".webp"):
                 raise DataError(f"{path} names {name[:80]!r}, which is not an image file of this folder")

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 from autonerf_lab import config
 from autonerf_lab.data.dataset import load_dataset
 from autonerf_lab.errors import RunFolderError
+from autonerf_lab.pipeline import outputs
 from autonerf_lab.pipeline.run_folder import is_empty_except, locked
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators import Scores
     from autonerf_lab.evaluators.lpips import Lpips
 
-OUTPUTS = ("scores.json", "baselines/nearest_view.json", "nerf/nerf.json", "nerf/nerf.safetensors", "nerf/training.*")
+OUTPUTS = ("scores.json", "baselines/nearest_view.json", "nerf/nerf.json", "nerf/nerf.safetensors")
 
 
 def is_photograph_folder(folder: str | Path) -> bool:
@@ -78,6 +79,7 @@ def fit_photographs(
         scores.baselines["nearest_view"].save(out / "baselines/nearest_view.json")
         scores.save(out / "scores.json")
         nerf.save(out / "nerf")  # last: marks the result as complete and removes the checkpoint
+        outputs.record(out, "fit", OUTPUTS)
     return scores
 
 
@@ -90,5 +92,5 @@ def _prepare_folder(out: Path, overwrite: bool) -> None:
     if not overwrite and (out / "nerf/nerf.json").exists():
         raise RunFolderError(f"{out} holds a finished field; choose another --out, or replace it with --overwrite")
     if overwrite:
-        for file in (file for pattern in OUTPUTS for file in out.glob(pattern)):
-            file.unlink()
+        outputs.check_unchanged(out, ["fit"])
+        outputs.remove(out, ["fit"])

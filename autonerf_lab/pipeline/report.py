@@ -196,8 +196,10 @@ def _embed(folder: Path, figure: StoredFigure) -> dict[str, Any]:
 
 
 def _data_url(path: Path) -> tuple[str, tuple[int, int]]:
+    if path.is_symlink() or path.parent.is_symlink():
+        raise DataError(f"{path} is a symbolic link, which a report does not follow; run the stage again")
     try:
-        data = path.read_bytes()
+        data = storage.read_bytes(path)
         with Image.open(io.BytesIO(data), formats=["PNG", "WEBP"]) as image:
             image.load()  # the header of a truncated file is still valid
             size = image.size

@@ -17,6 +17,7 @@ from filelock import FileLock, Timeout
 
 from autonerf_lab import __version__
 from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.pipeline import outputs
 from autonerf_lab.utils import storage
 
 FORMAT_VERSION = 1
@@ -33,7 +34,7 @@ INVALIDATES: dict[str, tuple[str, ...]] = {
     "report": ("report",),
 }
 
-# All output files by stage. Other files in the folder are never removed.
+# All output files by stage. They are recorded when the stage is finished, see outputs.py.
 OUTPUTS: dict[str, tuple[str, ...]] = {
     "scene": ("scene.json",),
     "explore": (
@@ -85,6 +86,25 @@ class RunConfig:
         return [f"{key} is {_text(own[key])}, not {_text(others[key])}" for key in changed if key != "scene_sha256"]
 
 
+@dataclass(frozen=True)
+class _FinishedStage:
+    """Entry of a finished stage in ``run.json``."""
+
+    seconds: float
+    peak_gb: float | None
+    finished: str  # time, ISO 8601
+
+
+@dataclass(frozen=True)
+class _RunFile:
+    """Content of ``run.json``."""
+
+    version: int
+    package: str  # version of the package
+    config: RunConfig
+    stages: dict[str, _FinishedStage]
+
+
 class RunFolder:
     """Folder of one run. Create it with :func:`open_run` or :func:`load_run`."""
 
@@ -115,6 +135,7 @@ class RunFolder:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         peak = None if peak_gb is None else round(peak_gb, 3)
         self.stages[stage] = {"seconds": round(seconds, 3), "peak_gb": peak, "finished": now}
+        outputs.record(self.path, stage, (*OUTPUTS[stage], *(pattern.format(stage=stage) for pattern in _FIGURES)))
         self.save()
 
     def set_model(self, model: str) -> None:
@@ -130,7 +151,7 @@ class RunFolder:
             overwrite: Allow the removal. ``run.json`` is updated before any file is removed.
 
         Raises:
-            RunFolderError: The stage is finished and ``overwrite`` is False.
+            RunFolderError: The stage is finished and ``overwrite`` is False, or one of its files was changed since.
         """
         if not self.finished(stage):
             return
@@ -140,9 +161,10 @@ class RunFolder:
                 "on it"
             )
         invalid = INVALIDATES[stage]
+        outputs.check_unchanged(self.path, invalid)
         self.stages = {name: row for name, row in self.stages.items() if name not in invalid}
         self.save()
-        _remove_outputs(self.path, invalid)
+        outputs.remove(self.path, invalid)
 
     def save(self) -> None:
         """Write ``run.json``."""
@@ -168,16 +190,16 @@ def load_run(path: str | Path) -> RunFolder:
     path = Path(path)
     if not (path / "run.json").exists():
         raise RunFolderError(f"{path} holds no run (no run.json); start one with `autonerf-lab explore --out {path}`")
-    content = storage.read_json(path / "run.json")
     try:
-        config = RunConfig(**content["config"])
-        stages = {name: dict(content["stages"][name]) for name in STAGES if name in content["stages"]}
-        version, package = content["version"], content["package"]
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{path / 'run.json'} is damaged ({error!r}); {_START_AGAIN}") from error
-    if (version, package) != (FORMAT_VERSION, __version__):
-        raise RunFolderError(f"{path} was made by autonerf-lab {package}, this is {__version__}; {_START_AGAIN}")
-    return RunFolder(path, config, stages)
+        content = storage.read_json(path / "run.json", _RunFile)
+    except DataError as error:
+        raise DataError(f"{error}; {_START_AGAIN}") from error
+    if (content.version, content.package) != (FORMAT_VERSION, __version__):
+        raise RunFolderError(
+            f"{path} was made by autonerf-lab {content.package[:40]}, this is {__version__}; {_START_AGAIN}"
+        )
+    stages = {name: asdict(content.stages[name]) for name in STAGES if name in content.stages}
+    return RunFolder(path, content.config, stages)
 
 
 def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrite: bool = False) -> RunFolder:
@@ -210,7 +232,8 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
             refusal = error
         if not overwrite:
             raise refusal
-        _remove_outputs(path, STAGES)
+        outputs.check_unchanged(path, STAGES)
+        outputs.remove(path, STAGES)
     elif not is_empty_except(path, "run.json"):
         raise RunFolderError(f"{path} holds files but no run.json: not a run folder; choose another --out")
     run = RunFolder(path, config, {})
@@ -271,19 +294,3 @@ def _acquire(path: Path, wait: bool) -> tuple[FileLock, int]:
 
 def _text(value: object) -> str:
     return "unset" if value is None else repr(value)
-
-
-def _remove_outputs(path: Path, stages: tuple[str, ...]) -> None:
-    try:
-        for stage in stages:
-            for pattern in (*OUTPUTS[stage], *(p.format(stage=stage) for p in _FIGURES)):
-                folder, name = (path / pattern).parent, Path(pattern).name
-                # the second pattern: temporary files of interrupted writes
-                for file in (*folder.glob(name), *folder.glob(f".{name}.*")):
-                    file.unlink()
-        for folder in sorted((p for p in path.rglob("*") if p.is_dir()), reverse=True):
-            if folder.relative_to(path).parts[0] in ("trajectory", "nerf", "mesh", "figures", "baselines"):
-                with contextlib.suppress(OSError):  # the folder holds files of the user
-                    folder.rmdir()
-    except OSError as error:
-        raise DataError(f"cannot remove {error.filename}: {error.strerror}") from error

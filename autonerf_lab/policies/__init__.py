@@ -126,6 +126,8 @@ def _import(path: str) -> Any:
             f"policy {path!r} cannot be imported: {error}; write module:Class, and install the module or add its "
             "folder to PYTHONPATH"
         ) from error
+    except (Exception, SystemExit) as error:  # any other error of the module itself
+        raise DataError(f"policy {path!r} cannot be imported: {error!r}; correct its module") from error
     if not callable(make):
         raise WrongTypeError(f"policy {path!r} is a {type(make).__name__}, not a class")
     try:

@@ -10,7 +10,7 @@ from typing import Any
 
 from torch import nn
 
-from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.errors import AutoNerfError, DataError, UnknownNameError
 from autonerf_lab.policies.base import Policy
 from autonerf_lab.policies.egocentric import EgocentricInterface
 from autonerf_lab.policies.end_to_end import EndToEnd
@@ -162,8 +162,13 @@ def make_network(network: Mapping[str, Any]) -> tuple[Any, nn.Module]:
         >>> interface.channels
         48
     """
-    interface = make_interface(network)
-    return interface, spec_of(network).network(interface, **_options(network))
+    try:
+        interface = make_interface(network)
+        return interface, spec_of(network).network(interface, **_options(network))
+    except AutoNerfError:
+        raise
+    except (TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError) as error:
+        raise DataError(f"the options {str(dict(network))[:200]} fit no network: {error}") from error
 
 
 def _options(network: Mapping[str, Any]) -> dict[str, Any]:

@@ -27,9 +27,19 @@ def read_meta(path: str | Path) -> dict[str, Any]:
     Raises:
         DataError: the file is missing, or has another version.
     """
-    meta = read_json(Path(path).with_suffix(".json"))
+    path = Path(path).with_suffix(".json")
+    meta = read_json(path, dict[str, Any])
     if meta.get("version") != VERSION:
-        raise DataError(f"{path}: file version {meta.get('version')} is not supported, only version {VERSION}")
+        raise DataError(
+            f"{path}: file version {str(meta.get('version'))[:20]} is not supported, only version {VERSION}"
+        )
+    network = meta.get("network")
+    if not isinstance(network, dict) or not isinstance(network.get("kind"), str):
+        raise DataError(f"{path}: 'network' must hold the kind of the network and its options")
+    if not all(
+        isinstance(value, str) or (isinstance(value, int | float) and abs(value) <= 4096) for value in network.values()
+    ):
+        raise DataError(f"{path}: the options of 'network' must be texts, or numbers up to 4096")
     return meta
 
 
@@ -40,7 +50,7 @@ def load_weights(path: str | Path, network: nn.Module) -> None:
         DataError: the file is missing, damaged, or belongs to another network; names the difference.
     """
     path = Path(path).with_suffix(".safetensors")
-    arrays, _ = read_arrays(path)
+    arrays, _ = read_arrays(path, dict[str, Any])
     wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
     found = {name: array.shape for name, array in arrays.items()}
     if found != wanted:

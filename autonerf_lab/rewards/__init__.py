@@ -14,7 +14,16 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from autonerf_lab.errors import RewardError, UnknownNameError, WrongTypeError
-from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, evaluate, instantiate, name_of, unit_of
+from autonerf_lab.rewards.base import (
+    LearnedReward,
+    PrivilegedReward,
+    Reward,
+    evaluate,
+    instantiate,
+    name_of,
+    reset_reward,
+    unit_of,
+)
 from autonerf_lab.rewards.conformance import check_reward
 from autonerf_lab.rewards.cov import cov
 from autonerf_lab.rewards.nov import Novelty
@@ -64,7 +73,7 @@ def make_reward(reward: str | Callable[..., Any]) -> Reward:
 
     Args:
         reward: a name in :func:`available`, a weighted sum such as ``"cov+0.1*nov"``, or a reward (or a class of
-            rewards) of your own. Rewards with state are made anew at each call, except objects, which are returned.
+            rewards) of your own. A class is instantiated at each call; an object is returned unchanged.
 
     Raises:
         UnknownNameError: unknown name; lists the valid names.
@@ -142,6 +151,7 @@ __all__ = [
     "make_reward",
     "name_of",
     "obs",
+    "reset_reward",
     "sem",
     "unit_of",
     "view",

@@ -19,7 +19,8 @@ class Reward(Protocol):
     The first line of its docstring names the unit, after a comma and before a full stop or colon:
     ``Newly explored area, square metres.``
 
-    A reward with state also has a method ``reset(rng)``, which is called at the start of each episode.
+    A reward with state also has a method ``reset(rng)``, which is called at the start of each episode. The arrays of a
+    transition are read-only and reused by later steps: copy to change or keep them.
     """
 
     def __call__(self, transition: Transition) -> float:
@@ -111,6 +112,23 @@ def unit_of(reward: Reward) -> str:
     return found[1] if found else ""
 
 
+def reset_reward(reward: Reward, rng: np.random.Generator, name: str) -> None:
+    """Call ``reset`` of a reward that has it.
+
+    Raises:
+        RewardError: it raised; names the reward.
+    """
+    reset = getattr(reward, "reset", None)
+    if reset is None:
+        return
+    try:
+        reset(rng)
+    except RewardError:
+        raise
+    except Exception as error:
+        raise RewardError(f"reward {name!r} failed in reset: {type(error).__name__}: {error}") from error
+
+
 def evaluate(reward: Reward, transition: Transition, name: str) -> float:
     """Call a reward and convert its value to a float.
 
@@ -139,13 +157,13 @@ def to_float(value: Any) -> float | None:
         >>> to_float(np.float32(0.5)), to_float(np.array(2)), to_float("1.0"), to_float(np.ones(1))
         (0.5, 2.0, None, None)
     """
-    kind = getattr(getattr(value, "dtype", None), "kind", "f")  # tensors have no kind; complex(...) fails below
-    dimensions: int = getattr(value, "ndim", 0)
-    if isinstance(value, str | bytes) or dimensions > 0 or kind not in "biuf":
-        return None
     try:
+        kind = getattr(getattr(value, "dtype", None), "kind", "f")  # tensors have no kind; complex ones fail below
+        dimensions: int = getattr(value, "ndim", 0)
+        if isinstance(value, str | bytes | bytearray) or dimensions > 0 or kind not in "biuf":
+            return None
         return float(value)
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # third-party code in __float__ may raise anything
         return None
 
 

@@ -1,12 +1,13 @@
 """Weighted sum of rewards."""
 
 import math
+import reprlib
 from collections.abc import Mapping
 
 import numpy as np
 
 from autonerf_lab.errors import DataError, RewardError
-from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, evaluate
+from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, evaluate, reset_reward, to_float
 from autonerf_lab.types import Observation, Transition
 
 Arrays = dict[str, np.ndarray]
@@ -33,10 +34,12 @@ class WeightedSum:
     def __init__(self, terms: Mapping[str, tuple[float, Reward]]) -> None:
         if not terms:
             raise RewardError("a weighted sum needs at least one term")
-        for name, (weight, _) in terms.items():
-            if not isinstance(weight, int | float) or not math.isfinite(weight):
-                raise RewardError(f"the weight of reward {name!r} is {weight!r}, not a finite number")
-        self._terms = dict(terms)
+        self._terms: dict[str, tuple[float, Reward]] = {}
+        for name, (weight, term) in terms.items():
+            number = to_float(weight)
+            if number is None or not math.isfinite(number):
+                raise RewardError(f"the weight of reward {name!r} is {reprlib.repr(weight)}, not a finite number")
+            self._terms[name] = number, term
         self._values = dict.fromkeys(self._terms, 0.0)
         self._learners = {k: term for k, (_, term) in terms.items() if isinstance(term, LearnedReward)}
         self._privileged = [term for _, term in terms.values() if isinstance(term, PrivilegedReward)]
@@ -53,10 +56,8 @@ class WeightedSum:
     def reset(self, rng: np.random.Generator) -> None:
         """Reset all terms."""
         self._values = dict.fromkeys(self._terms, 0.0)
-        for _, term in self._terms.values():
-            reset = getattr(term, "reset", None)
-            if reset is not None:
-                reset(rng)
+        for name, (_, term) in self._terms.items():
+            reset_reward(term, rng, name)
 
     @property
     def references(self) -> int:

@@ -8,6 +8,7 @@ import argparse
 import hashlib
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -73,7 +74,7 @@ def verify(target: Path) -> None:
     Raises:
         SceneError: A specification or mesh differs; the message names the file.
     """
-    for name, entry in read_json(target / "manifest.json")["scenes"].items():
+    for name, entry in read_json(target / "manifest.json", dict[str, Any])["scenes"].items():
         path = target / f"{name}.json"
         spec = read_spec(path)
         if hashlib.sha256(path.read_bytes()).hexdigest() != entry["spec_sha256"]:

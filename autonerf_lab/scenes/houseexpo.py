@@ -7,10 +7,10 @@ are merged into one wall line, the overlap of two boxes belongs to the smaller o
 (which becomes L-shaped), and free floor without a box becomes a corridor. Rooms too narrow for the robot are left out.
 """
 
-import json
 import math
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from shapely import contains_xy, prepare
@@ -18,13 +18,14 @@ from shapely.errors import GEOSException
 from shapely.geometry import MultiPolygon, Polygon, box
 from shapely.ops import unary_union
 
-from autonerf_lab.errors import SceneError
+from autonerf_lab.errors import DataError, SceneError
 from autonerf_lab.scenes.build import build
 from autonerf_lab.scenes.floorplan import plan_rooms
 from autonerf_lab.scenes.generator import STAGES, to_spec
 from autonerf_lab.scenes.layout import DOOR_HEIGHT, LIVING, Layout, Opening, Rect, Room, net_polygon
 from autonerf_lab.scenes.openings import add_entrance, add_windows, place_openings, shared_walls
 from autonerf_lab.scenes.scene import Scene
+from autonerf_lab.utils.storage import parse_json, read_bytes
 
 MAX_BYTES = 8 * 2**20
 MAX_VERTS, MAX_ROOMS = 10_000, 64
@@ -66,13 +67,9 @@ def import_houseexpo(path: str | Path, seed: int = 0) -> Scene:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SceneError(f"{path} is larger than {MAX_BYTES >> 20} MB, the limit for a floor plan")
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
-        if isinstance(error, SceneError):
-            raise
-        raise SceneError(f"{path} is not a readable floor plan: {error}") from error
+        content = parse_json(read_bytes(path, MAX_BYTES), Any, str(path))
+    except DataError as error:
+        raise SceneError(str(error)) from error
     try:
         rng = np.random.default_rng(seed)
         layout = Layout(seed, round(float(rng.uniform(2.5, 2.7)), 2))

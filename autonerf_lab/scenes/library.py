@@ -4,6 +4,7 @@ import hashlib
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from autonerf_lab.errors import SceneError, UnknownNameError
 from autonerf_lab.scenes.build import build
@@ -81,7 +82,7 @@ def load_scene(name: str) -> Scene:
 
 @lru_cache(maxsize=4)
 def _manifest(path: Path) -> dict:
-    content = read_json(path)
+    content = read_json(path, dict[str, Any])
     if not isinstance(content.get("scenes"), dict):
         raise SceneError(f"{path} has no valid entry 'scenes'; reinstall autonerf-lab")
     return content

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from autonerf_lab.classes import CLASS_NAMES
-from autonerf_lab.errors import SceneError
+from autonerf_lab.errors import DataError, SceneError
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.semantics_file import read_semantics, semantics_path
 from autonerf_lab.scenes.texture_atlas import MAX_TEXELS, build_atlas
+from autonerf_lab.utils.storage import check_file
 
 MAX_BYTES = 256 * 2**20
 MAX_FACES = 5_000_000
@@ -56,11 +57,9 @@ def import_scene(path: str | Path, up: str | None = None) -> Scene:
     if up not in (None, "y", "z"):
         raise SceneError(f"up must be 'y', 'z' or None, not {up!r}")
     try:
-        size = path.stat().st_size
-    except OSError as error:
-        raise SceneError(f"{path} cannot be read: {error.strerror}") from error
-    if size > MAX_BYTES:
-        raise SceneError(f"{path} has {size >> 20} MB; the limit is {MAX_BYTES >> 20} MB")
+        check_file(path, MAX_BYTES)
+    except DataError as error:
+        raise SceneError(str(error)) from error
     _check_references(path)
     parts = _load(path)
     vertices = np.concatenate([p["vertices"] for p in parts])

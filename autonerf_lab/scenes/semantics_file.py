@@ -7,7 +7,6 @@ file, can have ``faces`` instead: ``{"class": [0, 3, ...], "instance": [0, 7, ..
 entry per triangle in file order.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from autonerf_lab.classes import CLASS_NAMES
-from autonerf_lab.errors import SceneError
+from autonerf_lab.errors import DataError, SceneError
 from autonerf_lab.scenes.scene import Scene
-from autonerf_lab.utils.storage import write_json
+from autonerf_lab.utils.storage import parse_json, read_bytes, write_json
 
 FORMAT, VERSION = "autonerf-lab semantics", 1
 MAX_BYTES = 256 * 2**20
@@ -65,13 +64,9 @@ def read_semantics(path: Path) -> MeshSemantics:
         SceneError: The file is missing, too large or invalid; the message names the file and the entry.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SceneError(f"{path} is larger than {MAX_BYTES >> 20} MB, the limit for a semantics file")
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
-        if isinstance(error, SceneError):
-            raise
-        raise SceneError(f"{path} is not readable as JSON: {error}") from error
+        content = parse_json(read_bytes(path, MAX_BYTES), Any, str(path))
+    except DataError as error:
+        raise SceneError(str(error)) from error
     if not isinstance(content, dict) or content.get("format") != FORMAT or content.get("version") != VERSION:
         raise SceneError(f"{path} must be a JSON object with format {FORMAT!r} and version {VERSION}")
     faces, nodes = content.get("faces"), content.get("nodes", {})

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from autonerf_lab.classes import CLASS_NAMES
-from autonerf_lab.errors import SceneError
+from autonerf_lab.errors import DataError, SceneError
 from autonerf_lab.scenes.procedural_textures import KINDS
 from autonerf_lab.scenes.tessellation import SHAPES
+from autonerf_lab.utils.storage import parse_json, read_bytes
 
 FORMAT, VERSION = "autonerf-lab scene", 1
 MAX_PARTS, MAX_REACH, MAX_BYTES = 100_000, 500.0, 64 * 2**20
@@ -65,13 +66,9 @@ def read_spec(path: str | Path) -> dict:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SceneError(f"{path} is larger than {MAX_BYTES >> 20} MB: not a scene specification")
-        spec = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
-        if isinstance(error, SceneError):
-            raise
-        raise SceneError(f"{path} is not a readable scene specification: {error}") from error
+        spec: Any = parse_json(read_bytes(path, MAX_BYTES), Any, str(path))
+    except DataError as error:
+        raise SceneError(str(error)) from error
     try:
         check(spec)
     except SceneError as error:
@@ -103,7 +100,7 @@ def check(spec: object) -> None:
             )
     for name, material in spec["materials"].items():
         where = f"material {name!r}"
-        _need(isinstance(material, dict) and material.get("kind") in KINDS, where, "has an unknown kind")
+        _need(isinstance(material, dict) and material.get("kind") in list(KINDS), where, "has an unknown kind")
         for key in ("color", "color2"):
             _need(key not in material or _are_numbers(material[key], 3, 255), where, f"needs three numbers as {key}")
         _need(

@@ -205,7 +205,7 @@ class Simulator:
         if not self.navigation.is_navigable(x, y):
             raise SceneError(
                 f"scene {self.scene.name!r}: the robot cannot stand at x = {x:.2f}, y = {y:.2f} m; pass another pose,"
-                " or none to sample a navigable one"
+                " or pose=None to sample a navigable one"
             )
         self._true_pose = self._odometry = (x, y, heading)
         self._collided = False

@@ -28,7 +28,7 @@ class MapFeaturesExtractor(BaseFeaturesExtractor):
         >>> from stable_baselines3 import PPO
         >>> env = gymnasium.make("AutoNeRF/Explore-v0", scene="train-00", size=16, rgb=False)
         >>> options = {"features_extractor_class": MapFeaturesExtractor}
-        >>> ppo = PPO("MultiInputPolicy", env, n_steps=32, policy_kwargs=options, device="cpu")
+        >>> ppo = PPO("MultiInputPolicy", env, n_steps=64, policy_kwargs=options, device="cpu")
         >>> sum(parameter.numel() for parameter in ppo.policy.parameters()) < 500_000
         True
     """

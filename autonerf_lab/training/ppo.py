@@ -116,7 +116,7 @@ class TimedBuffer(DictRolloutBuffer):
         self.durations = np.ones((self.buffer_size, self.n_envs), np.float32)
 
     def compute_returns_and_advantage(self, last_values: Tensor, dones: np.ndarray) -> None:
-        """Compute advantages, and returns as advantage plus value; ``last_values`` follow the last decision."""
+        """Compute advantages, and returns as advantage plus value; ``last_values`` are those of the final states."""
         values = np.concatenate([self.values, last_values.numpy(force=True).reshape(1, -1)])
         continues = 1 - np.concatenate([self.episode_starts[1:], dones[None]]).astype(np.float32)
         discount = self.gamma**self.durations * continues

@@ -36,7 +36,7 @@ def read_checkpoint(path: Path, fingerprint: dict[str, Any]) -> tuple[dict[str, 
     if not path.exists():
         return None
     try:
-        arrays, header = read_arrays(path)
+        arrays, header = read_arrays(path, dict[str, Any])
         found = header["fingerprint"]
     except (KeyError, ValueError) as error:  # a DataError is a ValueError
         raise _damaged(path, error) from error

@@ -57,7 +57,9 @@ def load_plugins(
             if check is not None:
                 check(value)
             found[point.name] = value
-        except (Exception, SystemExit) as error:  # third-party code may raise anything on import
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # third-party code may raise anything on import
             reason = f"{type(error).__name__}: {error}"
             warnings.warn(f"plug-in {point.name!r} ({point.value}) was skipped: {reason}", PluginWarning, stacklevel=2)
     return found

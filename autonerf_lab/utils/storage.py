@@ -4,17 +4,23 @@ import errno
 import json
 import os
 import re
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from autonerf_lab.errors import DataError
 
+T = TypeVar("T")
+
+MAX_BYTES = 256 << 20  # of a file that is read
+MAX_JSON_BYTES = 32 << 20  # parsed JSON takes about ten times as much memory
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _TEMPORARY = re.compile(r"\..+\.\w+\.[a-z0-9_]{8}")  # names that mkstemp makes from the prefix in write_bytes
 
@@ -91,27 +97,75 @@ def write_json(path: str | Path, content: object) -> None:
     write_bytes(path, text.encode() + b"\n")
 
 
-def read_json(path: str | Path) -> dict:
-    """Read a JSON file whose top level is an object.
+def check_file(path: str | Path, max_bytes: int = MAX_BYTES) -> None:
+    """Check that a path is a regular file of limited size, before it is opened: a pipe would wait for its writer.
 
     Raises:
-        DataError: The file is missing or is not a JSON object.
+        DataError: The file is missing, is too large, or is a folder, device or pipe.
 
     Example:
-        >>> read_json("/nowhere.json")
+        >>> check_file("/dev/zero")
+        Traceback (most recent call last):
+        autonerf_lab.errors.DataError: /dev/zero is not a regular file
+    """
+    try:
+        info = os.stat(path)
+    except FileNotFoundError as error:
+        raise DataError(f"{path} does not exist") from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        raise DataError(f"cannot read {path}: {error}") from error
+    if not stat.S_ISREG(info.st_mode):
+        raise DataError(f"{path} is not a regular file")
+    if info.st_size > max_bytes:
+        raise DataError(f"{path} has {info.st_size} bytes; at most {max_bytes} are read")
+
+
+def read_bytes(path: str | Path, max_bytes: int = MAX_BYTES) -> bytes:
+    """Read a regular file of limited size.
+
+    Raises:
+        DataError: See :func:`check_file`, or the file cannot be read.
+    """
+    check_file(path, max_bytes)
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error}") from error
+
+
+def read_json(path: str | Path, kind: type[T]) -> T:
+    """Read a JSON file and check its content against a type.
+
+    Args:
+        path: The file.
+        kind: Type of the content: ``dict[str, Any]``, or a dataclass whose annotations are checked recursively. Keys
+            that a dataclass does not have are ignored.
+
+    Raises:
+        DataError: The file is missing, is not JSON, or does not match the type; the message names the file and field.
+
+    Example:
+        >>> read_json("/nowhere.json", dict[str, Any])
         Traceback (most recent call last):
         autonerf_lab.errors.DataError: /nowhere.json does not exist
     """
-    path = Path(path)
+    return parse_json(read_bytes(path, MAX_JSON_BYTES), kind, str(path))
+
+
+def parse_json(data: bytes, kind: type[T], where: str) -> T:
+    """Parse JSON and check it against a type, as :func:`read_json` does; ``where`` names the source in messages.
+
+    Example:
+        >>> parse_json(b'{"a": [1, "x"]}', dict[str, list[int]], "file.json")
+        Traceback (most recent call last):
+        autonerf_lab.errors.DataError: file.json is not as expected: Expected `int`, got `str` - at `$[...][1]`
+    """
     try:
-        content = json.loads(path.read_bytes())
-    except FileNotFoundError as error:
-        raise DataError(f"{path} does not exist") from error
-    except (OSError, ValueError, RecursionError) as error:
-        raise DataError(f"{path} is not readable JSON: {error}") from error
-    if not isinstance(content, dict):
-        raise DataError(f"{path} must hold a JSON object, not a {type(content).__name__}")
-    return content
+        return msgspec.json.decode(data, type=kind)
+    except msgspec.ValidationError as error:
+        raise DataError(f"{where} is not as expected: {error}") from error
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+        raise DataError(f"{where} is not readable JSON: {error}") from error
 
 
 def write_arrays(path: str | Path, arrays: dict[str, np.ndarray], header: dict[str, Any] | None = None) -> None:
@@ -123,31 +177,39 @@ def write_arrays(path: str | Path, arrays: dict[str, np.ndarray], header: dict[s
     Example:
         >>> import tempfile; path = Path(tempfile.mkdtemp()) / "a.safetensors"
         >>> write_arrays(path, {"transposed": np.array([[1, 2, 3], [4, 5, 6]]).T})
-        >>> read_arrays(path)[0]["transposed"].tolist()
+        >>> read_arrays(path, dict[str, Any])[0]["transposed"].tolist()
         [[1, 4], [2, 5], [3, 6]]
     """
     contiguous = {name: np.asarray(array, order="C") for name, array in arrays.items()}  # `save` requires C order
     write_bytes(path, save(contiguous, None if header is None else {"header": json.dumps(header)}))
 
 
-def read_arrays(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return the arrays and the header (empty if absent) of a file of :func:`write_arrays`.
+def read_arrays(path: str | Path, header: type[T]) -> tuple[dict[str, np.ndarray], T]:
+    """Read the arrays and the header of a file of :func:`write_arrays`.
+
+    Args:
+        path: The file.
+        header: Type of the header, checked as by :func:`read_json`; an absent header counts as empty.
 
     Raises:
-        DataError: The file is missing or damaged.
+        DataError: The file is missing, damaged, or its header does not match the type.
 
     Example:
-        >>> read_arrays("/nowhere.safetensors")
+        >>> read_arrays("/nowhere.safetensors", dict[str, Any])
         Traceback (most recent call last):
         autonerf_lab.errors.DataError: /nowhere.safetensors does not exist
     """
-    path = Path(path)
+    data = read_bytes(path)
     try:
-        data = path.read_bytes()
-        length = int.from_bytes(data[:8], "little")
-        metadata = json.loads(data[8 : 8 + length]).get("__metadata__", {})
-        return load(data), json.loads(metadata.get("header", "{}"))
-    except FileNotFoundError as error:
-        raise DataError(f"{path} does not exist") from error
-    except (OSError, SafetensorError, ValueError, AttributeError, KeyError) as error:
+        arrays = load(data)
+    except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise DataError(f"{path} is damaged, not a readable safetensors file: {error}") from error
+    length = int.from_bytes(data[:8], "little")
+    text = parse_json(data[8 : 8 + length], _Metadata, str(path)).metadata.get("header", "{}")
+    return arrays, parse_json(text.encode(), header, f"the header of {path}")
+
+
+class _Metadata(msgspec.Struct):
+    """Part of a safetensors header."""
+
+    metadata: dict[str, str] = msgspec.field(name="__metadata__", default_factory=dict)

@@ -142,7 +142,7 @@ def test_rows_of_two_folders_in_one_table(tmp_path):
         )
     for k, digest in enumerate(("01", "02")):
         results[k].fingerprint = {"weights": {"modular-obs": digest}}
-    with pytest.raises(RunFolderError, match=r"differ in weights of modular-obs: 01, not 02; compare them"):
+    with pytest.raises(RunFolderError, match=r"differ in weights of modular-obs: 01, not 02; compare the folders"):
         load_results_table(*results)
     one, two = load_results_table(results[0]), load_results_table(results[1])
     d = paired_difference(two, two.rows[0], one, one.rows[0], ("rendering", "psnr"))

@@ -137,7 +137,8 @@ def test_scene_is_exported_and_imported(tmp_path, capsys):
     assert "triangles" in capsys.readouterr().out
 
 
-def test_broken_pipe_is_not_an_error():
-    command = f"{sys.executable} -m autonerf_lab.cli scenes list | head -n 1"
+@pytest.mark.parametrize("arguments", ["scenes list", "rewards --help"])
+def test_broken_pipe_is_not_an_error(arguments):
+    command = f"{sys.executable} -m autonerf_lab.cli {arguments} | head -n 1"
     result = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     assert result.stderr == "" and result.stdout.count("\n") == 1

@@ -1,5 +1,7 @@
 """Every frozen scene, and scenes of fresh seeds, have what an apartment must have."""
 
+from typing import Any
+
 import pytest
 
 from autonerf_lab.scenes import generate_apartment, load_scene, scene_names
@@ -18,4 +20,4 @@ def test_every_invariant_holds(seed: int) -> None:
 def test_frozen_scenes_are_valid_and_unchanged(name: str) -> None:
     scene = load_scene(name)
     assert problems(scene) == []
-    assert mesh_sha256(scene) == read_json(folder() / "manifest.json")["scenes"][name]["mesh_sha256"]
+    assert mesh_sha256(scene) == read_json(folder() / "manifest.json", dict[str, Any])["scenes"][name]["mesh_sha256"]

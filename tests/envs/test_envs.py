@@ -21,6 +21,7 @@ from autonerf_lab.mapping import empty_map
 from autonerf_lab.policies.interfaces import FOLLOW_STEPS, CompactInterface, PaperInterface, stack_maps, window_slices
 from autonerf_lab.policies.modular import Modular
 from autonerf_lab.policies.networks import CompactNetwork
+from autonerf_lab.rewards import weighted
 from autonerf_lab.simulator import MotionNoise
 from autonerf_lab.types import Action
 
@@ -190,6 +191,20 @@ def test_a_privileged_reward_gets_reference_observations(scene):
     assert headings.min() < -1 and headings.max() > 1  # independent of the robot's pose
     for a, b in zip(*(reward.references_seen for reward in shown), strict=True):
         np.testing.assert_array_equal(a.pose, b.pose)
+
+
+@pytest.mark.parametrize("wrap", [lambda reward: reward, lambda reward: weighted({"cov": 1.0, reward: 0.5})])
+def test_an_error_in_reset_names_the_reward(scene, wrap):
+    class Broken:
+        def reset(self, rng):
+            raise KeyError("lamp")
+
+        def __call__(self, transition):
+            return 0.0
+
+    env = ExploreEnv(scene=scene, reward=wrap(Broken()), size=16, window=60)
+    with pytest.raises(RewardError, match="reward 'Broken' failed in reset: KeyError: 'lamp'"):
+        env.reset(seed=0)
 
 
 def test_errors_of_a_reward_name_the_reward_and_the_step(scene):

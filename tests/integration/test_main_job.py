@@ -82,7 +82,7 @@ def test_optional_tasks_and_upstream_scores(run):
     result = command("evaluate", run, "--overwrite", *options)
     assert result.returncode == 0, result.stderr
     header = next(line for line in result.stdout.splitlines() if line.startswith("task"))
-    assert [name.strip() for name in header.split("|")][-4:] == ["oracle", "nearest_view", "tsdf", "upstream"]
+    assert [name.strip() for name in header.split("|")][-4:] == ["nearest_view", "oracle", "tsdf", "upstream"]
     rows = json.loads((run / "scores.json").read_text())["scores"]
     assert {row["task"] for row in rows} >= {"navigation"}
     assert {row["preset"] for row in rows} == {"smoke, refine_interest=True"}

@@ -20,8 +20,9 @@ from autonerf_lab.errors import (
 from autonerf_lab.geometry import Intrinsics, camera_rays
 from autonerf_lab.nerf import NeRF, checkpoint, fit, load_nerf
 from autonerf_lab.nerf.model import Model
+from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
-from autonerf_lab.nerf.settings import HashSettings
+from autonerf_lab.nerf.ray_batch import to_numpy
 from autonerf_lab.simulator import Simulator
 
 CAMERA = Intrinsics.from_fov(32, 32)
@@ -106,6 +107,17 @@ def test_save_and_load(field: NeRF, trajectory: Trajectory, tmp_path: Path) -> N
     assert loaded.meta == field.meta and loaded.intrinsics == field.intrinsics
 
 
+def test_files_of_two_fields_are_not_mixed(field: NeRF, tmp_path: Path) -> None:
+    """A field saved over an older one and interrupted after its first file is not loaded as a mixture."""
+    field.save(tmp_path / "new")
+    field.model.parameters["color_1"][0, 0] += 1
+    field.save(tmp_path / "old")
+    field.model.parameters["color_1"][0, 0] -= 1
+    (tmp_path / "new/nerf.safetensors").replace(tmp_path / "old/nerf.safetensors")
+    with pytest.raises(DataError, match=r"does not belong to nerf.json beside it: saving was interrupted"):
+        load_nerf(tmp_path / "old")
+
+
 @pytest.mark.parametrize("damage", ["cut", "missing", "other", "text"])
 def test_damaged_files_are_named(field: NeRF, tmp_path: Path, damage: str) -> None:
     field.save(tmp_path)
@@ -147,18 +159,97 @@ def test_invalid_input_is_refused(trajectory: Trajectory) -> None:
     still = Trajectory(trajectory.poses[:1], trajectory.rgb[:1], None, None, CAMERA)
     with pytest.raises(DataError, match="one view"):
         fit(still, preset="smoke", progress=False)
-    with pytest.raises(ValueError, match="multiple of 4"):
-        HashSettings(hidden=30)
     with pytest.raises(DeviceError, match="device 'gpu' is not available"):
         fit(trajectory, preset="smoke", device="gpu", progress=False)
 
 
-def test_nan_stops_the_training(trajectory: Trajectory) -> None:
+def test_a_training_that_keeps_failing_stops_and_names_the_images(trajectory: Trajectory, tmp_path: Path) -> None:
     def poison(step: int, model: Model) -> None:
         model.parameters["density_1"][0, 0] = np.nan
 
-    with pytest.raises(TrainingError, match="step 1"):
+    with pytest.raises(TrainingError, match=r"40 steps in a row up to step 41.*images: frame 0, frame 1"):
         fit(trajectory, settings=SETTINGS_SMALL, preset="smoke", progress=False, callback=poison)
+
+
+def test_a_training_returns_to_its_snapshot_after_failed_steps(trajectory: Trajectory) -> None:
+    rates = []
+
+    def poison_once(step: int, model: Model) -> None:
+        rates.append(float(np.abs(model.parameters["density_1"]).sum()))
+        if step == 60:
+            model.parameters["density_1"][0, 0] = np.nan
+
+    settings = replace(SETTINGS_SMALL, steps=120)
+    field = fit(trajectory, settings=settings, preset="smoke", progress=False, callback=poison_once)
+    assert field.meta["skipped_steps"] == 10 and np.isfinite(rates[-1])
+    assert np.isnan(rates[60:69]).all() and np.isfinite(rates[70:]).all(), "the tenth failure restores the snapshot"
+    assert np.isfinite(field.render(trajectory.poses[0]).rgb).all()
+
+
+def test_one_batch_that_is_not_finite_changes_nothing(trajectory: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The gradients of a skipped batch do not leak into the next step."""
+    settings = replace(SETTINGS_SMALL, steps=6)
+    original, calls = Model.train_step, []
+
+    def spoiled(model: Model, rays: object, targets: object, rng: object) -> object:
+        calls.append({name: value.copy() for name, value in model.parameters.items()})
+        gradients, losses = original(model, rays, targets, rng)
+        return gradients, losses | {"mse": np.nan} if len(calls) == 3 else losses
+
+    monkeypatch.setattr(Model, "train_step", spoiled)
+    field = fit(trajectory, settings=settings, preset="smoke", progress=False)
+    assert field.meta["skipped_steps"] == 1
+    for name, value in calls[2].items():
+        np.testing.assert_array_equal(calls[3][name], value, err_msg=name)
+
+
+@pytest.mark.parametrize("model", ["semantic-nerfacto", "instant-ngp", "semantic-nerf"])
+@pytest.mark.parametrize("kind", ["black", "black border", "night", "white", "noise", "two colours"])
+def test_hostile_images_leave_a_finite_field(trajectory: Trajectory, model: str, kind: str) -> None:
+    """Black images drove the colour logits below -88, where exp overflows in float32."""
+    rgb = trajectory.rgb.copy()
+    if kind == "black border":
+        rgb[:, :4] = rgb[:, -4:] = rgb[:, :, :4] = rgb[:, :, -4:] = 0
+    elif kind == "noise":
+        rgb = np.random.default_rng(0).integers(0, 256, rgb.shape, dtype=np.uint8)
+    else:
+        rgb = {"black": rgb * 0, "night": rgb // 40, "white": rgb * 0 + 255, "two colours": (rgb > 127) * 255}[kind]
+    data = replace(trajectory, rgb=rgb.astype(np.uint8))
+    # a high learning rate reaches the limits in few steps
+    settings = replace(model_spec(model).settings["smoke"], steps=60, learning_rate=0.1, rays=256)
+    field = fit(data, model, "smoke", settings=settings, progress=False)
+    assert field.meta["skipped_steps"] == 0
+    for name, value in {**field.model.parameters, **field.model.state}.items():
+        assert np.isfinite(to_numpy(value)).all(), name
+    assert np.isfinite(field.render(trajectory.poses[0]).rgb).all()
+    assert np.isfinite(field.color(np.zeros((1, 3)))).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rays": 0}, "rays must be a whole number from 1"),
+        ({"steps": 0}, "steps must be a whole number from 1"),
+        ({"samples": 0}, "samples must be a whole number from 1"),
+        ({"steps": 2.5}, "steps must be a whole number"),
+        ({"rays": True}, "rays must be a whole number"),
+        ({"semantic_weight": -1.0}, "semantic_weight must be a number from 0"),
+        ({"learning_rate": float("nan")}, "learning_rate must be a number above 0"),
+        ({"far": 0.01}, "near must be less than far"),
+        ({"rays_by_class": 1.5}, "rays_by_class must be a number from 0 to 1"),
+        ({"proposal_samples": ()}, "proposal_samples must be a tuple"),
+        ({"log2_entries": 2**63}, "log2_entries must be a whole number"),
+        ({"log2_entries": 23}, "exceed 16777216 entries"),
+        ({"levels": 7}, "levels must be even"),
+        ({"hidden": 30}, "hidden must be a multiple of 4"),
+        ({"fine": 2.0}, "fine must be from 0.0001 to coarse"),
+        ({"view_dependent": 1}, "view_dependent must be True or False"),
+    ],
+    ids=str,
+)
+def test_settings_check_themselves(change: dict, words: str) -> None:
+    with pytest.raises(DataError, match=words):
+        replace(SETTINGS_SMALL, **change)
 
 
 def test_training_without_semantics(trajectory: Trajectory) -> None:

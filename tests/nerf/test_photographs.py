@@ -270,7 +270,7 @@ def test_held_out_scores_are_means_over_photographs(field, halves):
     assert "paper" not in scores.table() and "nearest_view" in scores.table()
     same = lab.evaluate(field, toy.moved(held_out, 1.0, (0, 0, 1.0)), progress=False)
     assert same["held_out", "psnr"] < scores["held_out", "psnr"] - 4  # from another position
-    with pytest.raises(DataError, match="no truth"):
+    with pytest.raises(DataError, match="no ground truth"):
         lab.evaluate(field, held_out, tasks=["maps"])
 
 

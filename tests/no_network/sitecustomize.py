@@ -4,6 +4,7 @@
 file for the process of the tests itself.
 """
 
+import ipaddress
 import socket
 from typing import Any
 
@@ -19,20 +20,24 @@ def block() -> None:
         original = getattr(socket.socket, name)
 
         def method(self: socket.socket, *args: Any) -> Any:
-            # the address is the last argument of sendto, the only one of the others
-            if self.family in (socket.AF_INET, socket.AF_INET6) and not _loopback(args[-1]):
-                raise NetworkBlockedError(f"a test tried to reach {args[-1]!r}")
+            # the address is the last argument; that of sendmsg may be missing on a connected socket
+            address = args[-1] if name != "sendmsg" or len(args) == 4 else None
+            if self.family in (socket.AF_INET, socket.AF_INET6) and address is not None and not _loopback(address):
+                raise NetworkBlockedError(f"a test tried to reach {address!r}")
             return original(self, *args)
 
         return method
 
-    for name in ("connect", "connect_ex", "sendto"):
+    for name in ("connect", "connect_ex", "sendto", "sendmsg"):
         setattr(socket.socket, name, guarded(name))
 
 
 def _loopback(address: Any) -> bool:
     host = str(address[0])
-    return host in ("localhost", "::1") or host.startswith("127.")
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:  # another host name, such as 127.example.org
+        return False
 
 
 block()

@@ -119,31 +119,60 @@ def test_run_killed_during_the_first_write_can_be_resumed(tmp_path):
     assert open_run(tmp_path, CONFIG).config == CONFIG
 
 
+def put(folder, *names):
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(name)
+
+
+def left(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
 def test_overwrite_removes_only_outputs_of_the_run(tmp_path):
-    finish(open_run(tmp_path, CONFIG), *STAGES)
-    mine = [pattern.replace("*", "1") for patterns in OUTPUTS.values() for pattern in patterns]
-    theirs = ["notes.txt", "trajectory/images/best.jpg", "mesh/edited.blend", "photos/a/b.png"]
-    for name in [*mine, "figures/fit.json", "figures/fit_depth.png", "nerf/.field.json.tmp", *theirs]:
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(name)
+    run = open_run(tmp_path, CONFIG)
+    put(tmp_path, *(pattern.replace("*", "1") for patterns in OUTPUTS.values() for pattern in patterns))
+    put(tmp_path, "figures/fit.json", "figures/fit_depth.png")
+    finish(run, *STAGES)
+    theirs = ["notes.txt", "trajectory/images/best.jpg", "mesh/edited.blend", "mesh/mine.glb", "figures/fit_notes.md"]
+    put(tmp_path, *theirs, "photos/a/b.png", "nerf/.nerf.json.abcd_123")
     open_run(tmp_path, CONFIG, overwrite=True)
-    left = sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file())
-    assert left == sorted([*theirs, "run.json"])
+    assert left(tmp_path) == sorted([*theirs, "photos/a/b.png", "outputs.json", "run.json"])
     assert not (tmp_path / "nerf").exists() and not load_run(tmp_path).stages
+
+
+def test_a_file_that_was_edited_is_not_overwritten(tmp_path):
+    run = open_run(tmp_path, CONFIG)
+    put(tmp_path, "mesh/color.glb", "scores.json")
+    finish(run, *STAGES)
+    (tmp_path / "mesh/color.glb").write_text("edited in Blender")
+    before = left(tmp_path)
+    for again in (lambda: open_run(tmp_path, CONFIG, overwrite=True), lambda: run.clear_stage("mesh", overwrite=True)):
+        with pytest.raises(RunFolderError, match=r"changed after the run wrote it: mesh/color.glb; move it away"):
+            again()
+    assert left(tmp_path) == before and list(load_run(tmp_path).stages) == list(STAGES)
+
+
+@pytest.mark.parametrize("link", ["mesh", "mesh/color.glb"])
+def test_symbolic_links_are_not_followed(tmp_path, link):
+    run, outside = open_run(tmp_path / "run", CONFIG), tmp_path / "outside"
+    put(tmp_path / "run", "mesh/color.glb")
+    finish(run, *STAGES)
+    shutil.move(tmp_path / "run" / link, outside)
+    (tmp_path / "run" / link).symlink_to(outside)
+    open_run(tmp_path / "run", CONFIG, overwrite=True)
+    assert (outside / "color.glb" if outside.is_dir() else outside).read_text() == "mesh/color.glb"
 
 
 def test_running_a_stage_again_removes_dependent_results(tmp_path):
     run = open_run(tmp_path, CONFIG)
+    put(tmp_path, "nerf/a.json", "scores.json", "mesh/a.glb", "report.html")
     finish(run, *STAGES)
-    for name in ("nerf/a.json", "scores.json", "mesh/a.glb", "report.html"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(name)
     with pytest.raises(RunFolderError, match="`evaluate` is finished; --overwrite"):
         run.clear_stage("evaluate", overwrite=False)
     run.clear_stage("evaluate", overwrite=True)
     assert list(load_run(tmp_path).stages) == ["scene", "explore", "fit", "mesh"]
-    left = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
-    assert left == {"nerf/a.json", "mesh/a.glb", "run.json"}
+    assert left(tmp_path) == ["mesh/a.glb", "nerf/a.json", "outputs.json", "run.json"]
 
 
 def test_two_processes_do_not_share_a_folder(tmp_path):

@@ -131,6 +131,17 @@ def test_errors_of_importable_classes(path: str, error: type[Exception], message
         make_policy(path)
 
 
+def test_a_module_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    for name, code, message in (
+        ("half_written", "def act(:", "SyntaxError"),
+        ("leaves", "raise SystemExit('no GPU')", "no GPU"),
+    ):
+        (tmp_path / f"{name}.py").write_text(code)
+        with pytest.raises(DataError, match=f"'{name}:Policy' cannot be imported: .*{message}"):
+            make_policy(f"{name}:Policy")
+
+
 def test_objects_are_checked() -> None:
     policy = Frontier()
     assert make_policy(policy) is policy

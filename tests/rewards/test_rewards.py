@@ -135,6 +135,19 @@ def test_an_error_in_a_sum_names_the_term_and_the_step():
     step = blank_transition()
     with pytest.raises(RewardError, match="reward 'broken' failed at step 1: KeyError: 'nothing'"):
         weighted({"cov": 1.0, broken: 1.0})(step)
+    with pytest.raises(RewardError, match=r"reward 'no_float' returned .* at step 1, not a finite number"):
+        weighted({"cov": 1.0, no_float: 1.0})(step)
+
+
+def no_float(transition):
+    return NoFloat()
+
+
+def test_weights_are_any_real_numbers():
+    step = blank_transition()
+    assert weighted({"nov": np.float32(0.5)})(step) == weighted({"nov": torch.tensor(0.5)})(step) == 0.5
+    with pytest.raises(RewardError, match="the weight of reward 'cov' is 1000000"):
+        weighted({"cov": 10**400})
 
 
 # --- conformance -----------------------------------------------------------------------------------------------------
@@ -208,9 +221,17 @@ def test_any_real_number_is_a_reward(value):
     assert type(number) is float and number == float(value)
 
 
+class NoFloat:
+    def __float__(self):
+        raise RuntimeError("no float")
+
+
 @pytest.mark.parametrize(
     "value",
-    [np.nan, np.inf, np.float32("nan"), torch.tensor(-np.inf), None, "1.0", [1.0], np.ones(1), 1j, np.array(1j)],
+    [
+        *(np.nan, np.inf, np.float32("nan"), torch.tensor(-np.inf), None, "1.0", [1.0], np.ones(1), 1j, np.array(1j)),
+        *(10**400, torch.tensor(1j), NoFloat()),
+    ],
 )
 def test_other_values_are_refused_with_the_reward_and_the_step(value):
     with pytest.raises(AssertionError, match=r"must be (a number|finite), not"):

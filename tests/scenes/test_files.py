@@ -300,7 +300,7 @@ def test_damaged_glb_is_a_scene_error(tmp_path: Path, content: bytes) -> None:
 def test_other_formats_and_missing_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="only"):
         import_scene(tmp_path / "scene.fbx")
-    with pytest.raises(SceneError, match="cannot be read"):
+    with pytest.raises(SceneError, match="does not exist"):
         import_scene(tmp_path / "missing.glb")
 
 

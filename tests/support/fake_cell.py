@@ -7,6 +7,7 @@ import threading
 import time
 import zlib
 from pathlib import Path
+from typing import Any
 
 from autonerf_lab import pipeline
 from autonerf_lab.benchmark import paper
@@ -45,7 +46,7 @@ def run(cell: Cell, out: Path, save_run: bool, lpips: str | None) -> str:
     with (out.parent / "log").open("a") as log:
         log.write(f"{cell.name} {os.environ.get('OMP_NUM_THREADS')}\n")
     file = out.parent / "behaviour.json"
-    what = read_json(file).get(cell.name) if file.exists() else None
+    what = read_json(file, dict[str, Any]).get(cell.name) if file.exists() else None
     if what == "hang":
         time.sleep(600)
     elif what == "slow":
@@ -72,7 +73,7 @@ def run(cell: Cell, out: Path, save_run: bool, lpips: str | None) -> str:
 
 def run_real(cell: Cell, out: Path, save_run: bool, lpips: str | None) -> str:
     """Run a real cell that fails with the error number in ``behaviour.json``, or else with a ``ValueError``."""
-    number = read_json(out.parent / "behaviour.json").get(cell.name)
+    number = read_json(out.parent / "behaviour.json", dict[str, Any]).get(cell.name)
 
     def fail(*arguments: object, **options: object) -> None:
         raise ValueError("odd") if number is None else OSError(number, os.strerror(number))

@@ -23,7 +23,7 @@ def camera_to_world(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray
 
 
 def seen_at(x: float, y: float, k1: float, k2: float) -> np.ndarray:
-    """Return the distorted position (2,) of the tangents (x, y)."""
+    """Return the distorted position, (2,), of normalised image coordinates (x, y)."""
     r2 = x * x + y * y
     return np.array([x, y]) * (1 + k1 * r2 + k2 * r2 * r2)
 
@@ -101,7 +101,7 @@ CAMERA_TO_WORLD = Exercise(
 
 SEEN_AT = Exercise(
     "13-seen-at",
-    "Return the distorted position, (2,), of the undistorted tangents (x, y): radial part of the OpenCV model.",
+    "Return the distorted position, (2,), of normalised image coordinates (x, y): radial part of the OpenCV model.",
     (
         Case("the image centre, k1 = -0.2", (0.0, 0.0, -0.2, 0.05), np.zeros(2)),
         Case("x = 1, y = 0, k1 = -0.2, k2 = 0", (1.0, 0.0, -0.2, 0.0), np.array([0.8, 0.0])),

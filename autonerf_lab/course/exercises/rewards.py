@@ -30,8 +30,8 @@ def new_classes(transition: Transition) -> float:
     return float(np.count_nonzero(known_after & ~known_before))
 
 
-class Diary:
-    """Squares of one metre that are entered for the first time, squares."""
+class NewSquares:
+    """Number of 1 m squares entered for the first time, squares."""
 
     def reset(self, rng: np.random.Generator) -> None:
         """Forget the squares of the last episode."""
@@ -155,7 +155,7 @@ NEW_CLASSES = Exercise(
 )
 
 
-class _WithoutReset(Diary):
+class _WithoutReset(NewSquares):
     def __init__(self) -> None:
         self.entered = set()
 
@@ -163,7 +163,7 @@ class _WithoutReset(Diary):
         pass
 
 
-class _Truncating(Diary):
+class _Truncating(NewSquares):
     def __call__(self, transition: Transition) -> float:
         x, y = (int(v) for v in transition.observation.pose[:2, 3])
         new = (x, y) not in self.entered
@@ -171,13 +171,13 @@ class _Truncating(Diary):
         return float(new)
 
 
-class _NeverAdding(Diary):
+class _NeverAdding(NewSquares):
     def __call__(self, transition: Transition) -> float:
         self.entered.clear()
         return super().__call__(transition)
 
 
-class _Shared(Diary):
+class _Shared(NewSquares):
     common: set[tuple[int, int]] = set()  # noqa: RUF012 - the mistake
 
     def reset(self, rng: np.random.Generator) -> None:
@@ -185,8 +185,8 @@ class _Shared(Diary):
         self.entered.clear()
 
 
-DIARY = Exercise(
-    "04-diary",
+NEW_SQUARES = Exercise(
+    "04-new-squares",
     "Write a reward class: 1.0 if a square of 1 m is entered for the first time in the episode, else 0.0.",
     (
         Case(
@@ -201,7 +201,7 @@ DIARY = Exercise(
         ),
         Case("two environments, the same step in two episodes", ([_ONE, _ONE],), [[1, 1], [1, 1]]),
     ),
-    Diary,
+    NewSquares,
     (
         Mistake("Every step gets a reward: add the square to the set.", _NeverAdding),
         Mistake(
@@ -217,4 +217,4 @@ DIARY = Exercise(
     _two_environments,
 )
 
-EXERCISES = (OBS, NEW_CLASSES, DIARY)
+EXERCISES = (OBS, NEW_CLASSES, NEW_SQUARES)

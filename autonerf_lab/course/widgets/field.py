@@ -62,7 +62,7 @@ class FieldTraining(BackgroundTask):
         self.refresh()
 
     def run(self, steps: int) -> None:
-        """Train for a number of steps and redraw regularly. A kernel interrupt ends it early and loses nothing."""
+        """Train for a number of steps and redraw regularly. After a kernel interrupt, the training can be continued."""
         self.stopped.clear()
         try:
             self._run(steps, max(1, steps // _REDRAWS))

@@ -42,7 +42,7 @@ class UpstreamContext(EvaluationContext):
 
 
 class UpstreamMaps(MapsTask):
-    """Task 2."""
+    """Task 2, maps, as defined by the released code."""
 
     metrics = tuple(metric for metric in metrics_of("maps") if metric.name in _MAPS)
 
@@ -55,7 +55,7 @@ class UpstreamMaps(MapsTask):
 
 
 class UpstreamPlanning(PlanningTask):
-    """Task 3."""
+    """Task 3, planning, as defined by the released code."""
 
     def run(self, context: EvaluationContext) -> TaskResult:
         """Plan on the maps of the field."""
@@ -68,7 +68,7 @@ class UpstreamPlanning(PlanningTask):
 
 
 class UpstreamPoseRefinement(standard.PoseRefinementTask):
-    """Task 4."""
+    """Task 4, pose refinement, as defined by the released code."""
 
     def run(self, context: EvaluationContext) -> TaskResult:
         """Refine disturbed test poses."""
@@ -84,7 +84,7 @@ class UpstreamPoseRefinement(standard.PoseRefinementTask):
 
 
 class UpstreamMesh(MeshTask):
-    """Task 5."""
+    """Task 5, mesh metrics, with the mesh settings of the released code."""
 
     def run(self, context: EvaluationContext) -> TaskResult:
         """Compare the mesh of the field with the scene."""

@@ -17,7 +17,7 @@ class FrequencyField(TorchField):
         settings: sizes of the network.
         box: region of full resolution; its contracted cube is the domain of the frequency encoding.
         classes: number of classes, 0 for a field without semantics.
-        rng: initial values.
+        rng: random generator of the initial values.
         device: a torch device.
         prefix: of the parameter names, for models with two such fields.
     """

@@ -22,7 +22,7 @@ from autonerf_lab.nerf.encodings import HashGrid, spherical_harmonics
 from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, he_uniform
 from autonerf_lab.nerf.kernels import fused, volume_rendering
 from autonerf_lab.nerf.kernels.proposals import ProposalMatrices
-from autonerf_lab.nerf.kernels.tiling import CHUNKS, GEOMETRY, TILE_RAYS, pad_rows
+from autonerf_lab.nerf.kernels.tiling import CHUNKS, GEOMETRY, MAX_EXPONENT, TILE_RAYS, pad_rows
 from autonerf_lab.nerf.ray_batch import NO_DEPTH, NO_LABEL, Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import HashSettings
@@ -71,7 +71,7 @@ class HashField:
         box: region of full resolution.
         frames: number of training images, for the appearance embedding.
         classes: number of classes, 0 for a field without semantics.
-        rng: initial values.
+        rng: random generator of the initial values.
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class HashField:
         features = self._direction_features(directions, None)
         hidden = self._geometry(points) @ p["color_geometry"].T + features @ p["color_ray"].T
         hidden = np.maximum(np.maximum(hidden, 0) @ p["color_1"].T, 0)
-        return 1 / (1 + np.exp(-(hidden @ p["color_2"][:3].T)))
+        return 1 / (1 + np.exp(np.minimum(-(hidden @ p["color_2"][:3].T), MAX_EXPONENT)))
 
     def logits(self, points: np.ndarray) -> np.ndarray:
         """Return class logits at points; see :class:`~autonerf_lab.nerf.model.Field`."""

@@ -5,6 +5,7 @@ from numba import njit, prange
 
 from autonerf_lab.nerf.kernels.tiling import ONE, ZERO
 
+MAX_GRADIENT = np.float32(1e15)  # its square is far from the end of float32
 SERIAL_SIZE = 1 << 16  # values; up to this size one thread is faster than waking the others
 
 
@@ -12,8 +13,9 @@ SERIAL_SIZE = 1 << 16  # values; up to this size one thread is faster than wakin
 def _update(i, p, g, m, v, rate, beta1, beta2, eps, correct1, correct2):
     # A factor instead of a branch, so that the compiler can vectorise the loop.
     touched = ONE if g[i] != ZERO else ZERO
-    m[i] += touched * (ONE - beta1) * (g[i] - m[i])
-    v[i] += touched * (ONE - beta2) * (g[i] * g[i] - v[i])
+    gradient = min(max(g[i], -MAX_GRADIENT), MAX_GRADIENT)
+    m[i] += touched * (ONE - beta1) * (gradient - m[i])
+    v[i] += touched * (ONE - beta2) * (gradient * gradient - v[i])
     p[i] -= touched * rate * (m[i] * correct1) / (np.sqrt(v[i] * correct2) + eps)
     g[i] = ZERO
 

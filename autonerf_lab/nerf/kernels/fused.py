@@ -18,7 +18,17 @@ import numpy as np
 from numba import njit, prange
 
 from autonerf_lab.nerf.kernels.dense import dense, dense_add, relu, relu_backward, weight_gradient
-from autonerf_lab.nerf.kernels.tiling import CHUNKS, GEOMETRY, ONE, SIMD_WIDTH, TILE_RAYS, TWO, ZERO, buffer
+from autonerf_lab.nerf.kernels.tiling import (
+    CHUNKS,
+    GEOMETRY,
+    MAX_EXPONENT,
+    ONE,
+    SIMD_WIDTH,
+    TILE_RAYS,
+    TWO,
+    ZERO,
+    buffer,
+)
 from autonerf_lab.nerf.kernels.volume_rendering import (
     distortion,
     expected_depth_error,
@@ -103,7 +113,7 @@ def _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0):
     dense(matrices.color_2, c1, rgb, n)
     for j in range(3):
         for k in range(n):
-            rgb[j, k] = ONE / (ONE + np.exp(-rgb[j, k]))
+            rgb[j, k] = ONE / (ONE + np.exp(min(-rgb[j, k], MAX_EXPONENT)))
     dense(matrices.semantic_0, g, s0, n)
     relu(s0, n)
 

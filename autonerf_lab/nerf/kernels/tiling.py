@@ -12,6 +12,9 @@ CHUNKS = 16  # units of parallel work
 SIMD_WIDTH = 16  # float32 values per vector; columns come in multiples of it, since kernels have no remainder loops
 TILE_RAYS = 16  # rays per tile; a multiple of SIMD_WIDTH, so that the number of a tile's columns is one too
 GEOMETRY = 16  # outputs of the density network: the first is the log density, all of them are inputs of the heads
+# fastmath assumes that no value is infinite or NaN: these bounds keep exponentials and quotients finite.
+MAX_EXPONENT = np.float32(80.0)  # exp(80) = 5.5e34, float32 ends at 3.4e38
+SMALLEST = np.float32(1e-12)  # smallest divisor
 # Constants of the kernels: an integer or a double in a float32 expression would make the expression double.
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 

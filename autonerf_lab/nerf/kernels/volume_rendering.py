@@ -10,7 +10,7 @@ Torch references with the same names: :mod:`autonerf_lab.nerf.rendering`.
 import numpy as np
 from numba import njit, prange
 
-from autonerf_lab.nerf.kernels.tiling import ONE
+from autonerf_lab.nerf.kernels.tiling import ONE, SMALLEST
 
 # Added to the output of the density network, which starts near 0: the initial density is low enough for rays to reach
 # the walls.
@@ -76,13 +76,13 @@ def median_depth(starts, ends, weights):
 @njit(fastmath=True, cache=True, error_model="numpy")
 def warp(t, turn):
     """Map a distance to s in [0, 1): linear up to ``turn`` metres (s = 0.5), then linear in disparity."""
-    return np.float32(0.5) * t / turn if t < turn else ONE - np.float32(0.5) * turn / t
+    return np.float32(0.5) * t / turn if t < turn else ONE - np.float32(0.5) * turn / max(t, turn)
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def unwarp(s, turn):
     """Invert :func:`warp`."""
-    return np.float32(2.0) * s * turn if s < 0.5 else np.float32(0.5) * turn / (ONE - s)
+    return np.float32(2.0) * s * turn if s < 0.5 else np.float32(0.5) * turn / max(ONE - s, np.float32(1e-7))
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
@@ -182,7 +182,7 @@ def resample(edges, weights, jitter, padding, out):
     """
     bins, count = weights.shape[1], out.shape[1] - 1
     for r in prange(edges.shape[0]):
-        total = weights[r].sum() + padding * bins
+        total = max(weights[r].sum() + padding * bins, SMALLEST)
         j, passed = 0, np.float32(0.0)
         share = (weights[r, 0] + padding) / total
         out[r, 0], out[r, count] = edges[r, 0], edges[r, bins]
@@ -192,7 +192,7 @@ def resample(edges, weights, jitter, padding, out):
                 passed += share
                 j += 1
                 share = (weights[r, j] + padding) / total
-            inside = min(max((u - passed) / share, np.float32(0.0)), ONE)
+            inside = min(max((u - passed) / max(share, SMALLEST), np.float32(0.0)), ONE)
             out[r, i] = edges[r, j] + inside * (edges[r, j + 1] - edges[r, j])
 
 

@@ -3,13 +3,14 @@
 import numpy as np
 import torch
 
+from autonerf_lab.errors import DataError
 from autonerf_lab.nerf import rendering
 from autonerf_lab.nerf.fields.torch_field import midpoints
 from autonerf_lab.nerf.kernels import ray_marching, volume_rendering
 from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.scene_box import SceneBox
-from autonerf_lab.nerf.settings import OccupancySettings
+from autonerf_lab.nerf.settings import MAX_COUNT, OccupancySettings
 
 WARM_UP = 256  # steps in which an update queries the whole grid; later it queries an eighth
 
@@ -29,6 +30,8 @@ class OccupancySampler:
     def __init__(self, settings: OccupancySettings, box: SceneBox) -> None:
         self.settings, self.box = settings, box
         shape = np.maximum(np.ceil(box.size / settings.cell), 1).astype(np.int64)
+        if shape.astype(np.float64).prod() > MAX_COUNT:
+            raise DataError(f"settings: cell={settings.cell} is too small: a grid of over {MAX_COUNT} cells")
         self.parameters: Arrays = {}
         self.state: dict[str, np.ndarray] = {
             "occupancy": np.full(shape, settings.occupied, np.float32),  # density per metre

@@ -51,7 +51,7 @@ class ProposalSampler:
     Args:
         settings: bins of each round, sizes of the networks, loss weight.
         box: region of full resolution.
-        rng: initial values.
+        rng: random generator of the initial values.
     """
 
     def __init__(self, settings: ProposalSettings, box: SceneBox, rng: np.random.Generator) -> None:

@@ -7,11 +7,10 @@ from matplotlib.figure import Figure
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
-from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map
+from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map, union_box
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.viz.figures.maps import draw_robot
 from autonerf_lab.viz.figures.style import BLUE, ORANGE
-from autonerf_lab.viz.player.step_image import union_box
 
 _WIDTH = 11.0  # inches
 

@@ -13,9 +13,9 @@ from PIL import Image
 
 from autonerf_lab.classes import CLASS_COLORS, CLASS_NAMES
 from autonerf_lab.data.images import data_url
-from autonerf_lab.exploration.replay import EXPLORED, FRONTIER, OCCUPIED, PALETTE, Replay
+from autonerf_lab.exploration.replay import EXPLORED, FRONTIER, OCCUPIED, PALETTE, Replay, union_box
 from autonerf_lab.mapping.semantic_map import MAP_CELL
-from autonerf_lab.viz.player.step_image import BODY, COLORS, REACH, area_ticks, half_fov_deg, union_box
+from autonerf_lab.viz.player.step_image import BODY, COLORS, REACH, area_ticks, half_fov_deg
 
 _MAX_SIDE = 256  # pixels of a view: the page stays below 8 MB
 _CHART = (1000, 96)  # width and height of the chart, SVG units

@@ -12,12 +12,12 @@ from PIL import Image
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
-from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map
+from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map, union_box
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.utils import storage
 from autonerf_lab.utils.extras import NATURAL_SIZE, optional
 from autonerf_lab.viz.player.page import page_html, player_html
-from autonerf_lab.viz.player.step_image import COLORS, GROUND, step_image, union_box
+from autonerf_lab.viz.player.step_image import COLORS, GROUND, step_image
 from autonerf_lab.viz.video import write_video
 
 MAX_FRAMES = 300  # of all trajectories together, unless ``every`` is given

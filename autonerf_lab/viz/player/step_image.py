@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from autonerf_lab.classes import colorize
-from autonerf_lab.exploration.replay import PALETTE, Replay
+from autonerf_lab.exploration.replay import PALETTE, Replay, union_box
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE
 
@@ -57,12 +57,6 @@ def step_image(replays: Sequence[Replay], k: int) -> np.ndarray:
         image, replays, k, (_GAP, panel[1] - _GAP - _CHART, len(replays) * panel[0] - _GAP, panel[1] - _GAP)
     )
     return np.asarray(image)
-
-
-def union_box(replays: Sequence[Replay]) -> np.ndarray:
-    """Return the smallest box around all known areas: (2, 2), lower and upper corner, world x, y in metres."""
-    boxes = np.stack([replay.bounds() for replay in replays])
-    return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
 def view_images(replay: Replay, k: int) -> list[np.ndarray]:

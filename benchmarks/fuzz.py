@@ -1,0 +1,303 @@
+"""Load damaged files: each mutant loads, or raises an error of the package, within 2 seconds of CPU time and 512 MB.
+
+Every format has a valid file, made here, and a loader. Mutants change bytes, cut or repeat parts, or replace, remove
+and add values of the JSON inside. ``--only FORMAT --seed S --first N --mutants 1`` repeats a violation. The last line
+of the output is JSON.
+"""
+
+import argparse
+import copy
+import hashlib
+import json
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from autonerf_lab.benchmark import Grid
+from autonerf_lab.benchmark.results import Outcome, load_results, open_results
+from autonerf_lab.data.dataset import load_dataset
+from autonerf_lab.data.images import read_classes, read_depth, read_rgb
+from autonerf_lab.data.trajectory import Trajectory, load_trajectory
+from autonerf_lab.errors import AutoNerfError
+from autonerf_lab.evaluators import Scores
+from autonerf_lab.geometry import Intrinsics, planar_pose
+from autonerf_lab.nerf import checkpoint, fit, load_nerf
+from autonerf_lab.nerf.models import model_spec
+from autonerf_lab.pipeline.gallery import Gallery, read_gallery
+from autonerf_lab.pipeline.run_folder import RunConfig, load_run, open_run
+from autonerf_lab.policies import WEIGHTS, load_policy
+from autonerf_lab.scenes import export_glb, generate_apartment, import_scene
+from autonerf_lab.scenes.semantics_file import read_semantics
+from autonerf_lab.scenes.spec import dumps, read_spec
+from autonerf_lab.types import Score
+from autonerf_lab.utils.resources import peak_gb, reset_peak, resident_gb
+
+MAX_SECONDS, MAX_GB = 2.0, 0.512
+VALUES = [
+    None,
+    True,
+    -1,
+    0,
+    2**31,
+    2**63,
+    10**30,
+    1e308,
+    -0.5,
+    "",
+    "x" * 5000,
+    "../../etc/passwd",
+    [],
+    {},
+    [[]],
+    "\x00",
+]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One file format."""
+
+    name: str
+    file: Path  # valid; mutants take its place
+    load: Callable[[], Any]
+    after: Callable[[], None] = lambda: None  # called when the mutant is written, before it is loaded
+
+
+def mutate_json(content: Any, rng: np.random.Generator) -> Any:
+    """Return JSON with one to three values replaced, removed or added."""
+    content = copy.deepcopy(content)
+    for _ in range(int(rng.integers(1, 4))):
+        nodes = [node for node in _containers(content) if node]
+        if not nodes:
+            break
+        node = nodes[int(rng.integers(len(nodes)))]
+        keys = list(node) if isinstance(node, dict) else list(range(len(node)))
+        key = keys[int(rng.integers(len(keys)))]
+        kind = int(rng.integers(5))
+        if kind == 0:
+            del node[key]
+        elif kind == 1 and isinstance(node, dict):
+            node["unexpected"] = copy.deepcopy(node[key])
+        elif kind == 1:
+            node.append(copy.deepcopy(node[key]))
+        elif kind == 2 and isinstance(node[key], int | float):
+            node[key] = node[key] * [10.0, -1, 1e6, 0][int(rng.integers(4))]
+        else:
+            node[key] = copy.deepcopy(VALUES[int(rng.integers(len(VALUES)))])
+    return content
+
+
+def _containers(node: Any) -> Iterator[Any]:
+    if isinstance(node, dict | list):
+        yield node
+        for value in node.values() if isinstance(node, dict) else node[:50]:
+            yield from _containers(value)
+
+
+def mutate_bytes(data: bytes, rng: np.random.Generator) -> bytes:
+    """Return bytes with a few values changed, a part cut, repeated or zeroed."""
+    array, kind = bytearray(data), int(rng.integers(5))
+    start = int(rng.integers(min(len(array), 4096) if rng.random() < 0.5 else len(array)))
+    length = int(rng.integers(1, 64))
+    if kind == 0:
+        for _ in range(int(rng.integers(1, 8))):
+            array[int(rng.integers(len(array)))] = int(rng.integers(256))
+    elif kind == 1:
+        del array[start:]
+    elif kind == 2:
+        array[start:start] = array[start : start + length]
+    elif kind == 3:
+        array[start : start + length] = bytes(length)
+    else:
+        array[start : start + 8] = [b"\xff" * 8, b"\x7f" + b"\xff" * 7, b"9" * 8][int(rng.integers(3))]
+    return bytes(array)
+
+
+def mutant(data: bytes, suffix: str, rng: np.random.Generator) -> bytes:
+    """Return a mutant of a file: of its JSON, of a JSON header, or of its bytes."""
+    if suffix == ".json" and rng.random() < 0.8:
+        return json.dumps(mutate_json(json.loads(data), rng)).encode()
+    if suffix in (".safetensors", ".glb") and rng.random() < 0.6:
+        size, first = (8, 8) if suffix == ".safetensors" else (4, 20)
+        offset = 0 if suffix == ".safetensors" else 12
+        length = int.from_bytes(data[offset : offset + size], "little")
+        header = mutate_json(_with_inner(json.loads(data[first : first + length])), rng)
+        text = json.dumps(_without_inner(header)).encode()
+        return (
+            data[:offset]
+            + len(text).to_bytes(size, "little")
+            + data[offset + size : first]
+            + text
+            + data[first + length :]
+        )
+    return mutate_bytes(data, rng)
+
+
+def _with_inner(header: Any) -> Any:
+    """Parse the package's own header, a JSON text inside the safetensors header."""
+    inner = header.get("__metadata__", {}).get("header")
+    if inner is not None:
+        header["__metadata__"]["header"] = json.loads(inner)
+    return header
+
+
+def _without_inner(header: Any) -> Any:
+    metadata = header.get("__metadata__") if isinstance(header, dict) else None
+    if isinstance(metadata, dict) and isinstance(metadata.get("header"), dict | list):
+        metadata["header"] = json.dumps(metadata["header"])
+    return header
+
+
+def make_formats(folder: Path) -> list[Format]:
+    """Write a valid file of every format."""
+    scene = generate_apartment(3)
+    assert scene.spec is not None
+    (folder / "scene.json").write_text(dumps(scene.spec))
+    export_glb(scene, folder / "home.glb", semantic=True)
+    import trimesh
+
+    box = trimesh.creation.box((4, 3, 2.5))
+    box.invert()
+    for suffix in ("ply", "obj"):
+        box.export(folder / f"box.{suffix}")
+    rng = np.random.default_rng(0)
+    poses = np.stack([planar_pose(x, 0.5, 0.1 * x) for x in range(4)])
+    depth, classes = rng.uniform(1, 3, (4, 8, 8)).astype(np.float32), rng.integers(0, 16, (4, 8, 8), dtype=np.uint8)
+    rgb = rng.integers(0, 255, (4, 8, 8, 3), dtype=np.uint8)
+    trajectory = Trajectory(poses, rgb, depth, classes, Intrinsics.from_fov(8, 8), {"scene": "x"})
+    trajectory.save(folder / "trajectory")
+    for name, array in (("rgb", rgb[0]), ("depth", (depth[0] * 1000).astype(np.uint16)), ("classes", classes[0])):
+        Image.fromarray(array).save(folder / f"{name}.png")
+    settings = replace(model_spec("semantic-nerfacto").settings["smoke"], steps=2, rays=32, levels=2, log2_entries=8)
+    field = fit(trajectory, settings=settings, preset="smoke", progress=False)
+    field.save(folder / "field")
+    checkpoint.SAVE_EVERY = 0.0
+    fit(trajectory, settings=settings, preset="smoke", progress=False, checkpoint=folder / "training")
+    for suffix in (".json", ".safetensors"):
+        (folder / f"policy{suffix}").write_bytes((WEIGHTS / f"modular-obs{suffix}").read_bytes())
+    run = open_run(folder / "run", RunConfig("val-0", "f00", "random", "smoke", model="instant-ngp"))
+    run.mark_finished("scene", 1.0, 0.5)
+    grid = Grid(("random",), ("val-0",), 1, preset="smoke")
+    results = open_results(folder / "results", grid)
+    cell = grid.cells()[0]
+    cost = {"scene": {"seconds": 1.0, "peak_gb": None}}
+    results.write(Outcome(cell, "ok", (Score("rendering", "psnr", 20.0, "dB"),), cost, {"coverage": [1.0, 2.0]}))
+    Scores([Score("rendering", "psnr", 20.0, "dB", n=3)]).save(folder / "scores.json")
+    gallery = Gallery(folder / "figures", "explore")
+    gallery.add("trajectory", "red", lambda: rgb[0], title="Red", caption="A square.", alt="Square")
+    gallery.close()
+
+    def redigest() -> None:
+        """Let the digest of the arrays match, so that the loader looks at them."""
+        try:
+            header = json.loads((folder / "field/nerf.json").read_bytes())
+            digest = hashlib.sha256((folder / "field/nerf.safetensors").read_bytes()).hexdigest()
+            (folder / "field/nerf.json").write_text(json.dumps(header | {"arrays_sha256": digest}))
+        except (ValueError, TypeError):
+            pass
+
+    def train_on() -> None:
+        fit(trajectory, settings=settings, preset="smoke", progress=False, checkpoint=folder / "training")
+
+    return [
+        Format("scene.json", folder / "scene.json", lambda: read_spec(folder / "scene.json")),
+        Format(
+            "semantics.json", folder / "home.semantics.json", lambda: read_semantics(folder / "home.semantics.json")
+        ),
+        Format("mesh.glb", folder / "home.glb", lambda: import_scene(folder / "home.glb")),
+        Format("mesh.ply", folder / "box.ply", lambda: import_scene(folder / "box.ply")),
+        Format("mesh.obj", folder / "box.obj", lambda: import_scene(folder / "box.obj")),
+        Format("trajectory", folder / "trajectory/transforms.json", lambda: load_trajectory(folder / "trajectory")),
+        Format("photographs", folder / "trajectory/transforms.json", lambda: load_dataset(folder / "trajectory")),
+        Format("rgb.png", folder / "rgb.png", lambda: read_rgb(folder / "rgb.png")),
+        Format("depth.png", folder / "depth.png", lambda: read_depth(folder / "depth.png")),
+        Format("classes.png", folder / "classes.png", lambda: read_classes(folder / "classes.png")),
+        Format("nerf.json", folder / "field/nerf.json", lambda: load_nerf(folder / "field")),
+        Format("nerf.safetensors", folder / "field/nerf.safetensors", lambda: load_nerf(folder / "field"), redigest),
+        Format("training.safetensors", folder / "training/training.safetensors", train_on),
+        Format("policy.json", folder / "policy.json", lambda: load_policy(folder / "policy")),
+        Format("policy.safetensors", folder / "policy.safetensors", lambda: load_policy(folder / "policy")),
+        Format("run.json", folder / "run/run.json", lambda: load_run(folder / "run").save()),
+        Format("grid.json", folder / "results/grid.json", lambda: load_results(folder / "results").outcomes()),
+        Format(
+            "cell.json",
+            results.cell_file(cell),
+            lambda: [o.seconds for o in load_results(folder / "results").outcomes()],
+        ),
+        Format("scores.json", folder / "scores.json", lambda: Scores.load(folder / "scores.json").table()),
+        Format("figures.json", folder / "figures/explore.json", lambda: read_gallery(folder / "figures", "explore")),
+    ]
+
+
+def attack(form: Format, mutants: int, first: int, seed: int) -> dict[str, Any]:
+    """Load the mutants of one format."""
+    valid = form.file.read_bytes()
+    companions = {p: p.read_bytes() for p in form.file.parent.glob("*") if p.is_file() and p.stat().st_size < 4 << 20}
+    violations: Counter[str] = Counter()
+    examples: dict[str, int] = {}
+    slowest, refused = 0.0, 0
+    reset_peak()
+    base = resident_gb(__import__("os").getpid())
+    for index in range(first, first + mutants):
+        rng = np.random.default_rng([seed, index])
+        form.file.write_bytes(mutant(valid, form.file.suffix, rng))
+        form.after()
+        started, found = time.process_time(), None
+        try:
+            form.load()
+        except AutoNerfError:
+            refused += 1
+        except BaseException as error:  # anything else is a violation, also SystemExit
+            if isinstance(error, KeyboardInterrupt):
+                raise
+            found = f"{type(error).__name__}: {str(error)[:80]}"
+        seconds = time.process_time() - started
+        slowest = max(slowest, seconds)
+        if found is None and seconds > MAX_SECONDS:
+            found = "slow"
+        if found is None and (peak_gb() or 0) - base > MAX_GB:
+            found = "memory"
+            reset_peak()
+        if found:
+            violations[found] += 1
+            examples.setdefault(found, index)
+        for path, data in companions.items():
+            if not path.exists() or path.read_bytes() != data:
+                path.write_bytes(data)
+    form.file.write_bytes(valid)
+    row = {"format": form.name, "mutants": mutants, "refused": refused, "violations": sum(violations.values())}
+    counts = f"{mutants:7} mutants, {refused:7} refused, {row['violations']:4} violations"
+    print(f"{form.name:22} {counts}, slowest {slowest:.2f} s", flush=True)
+    for text, count in violations.most_common(8):
+        print(f"    {count:4} {text}  (first: mutant {examples[text]})")
+    return row
+
+
+def main() -> None:
+    """Attack all formats."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--mutants", type=int, default=2000, help="Mutants per format.")
+    parser.add_argument("--first", type=int, default=0, help="Number of the first mutant.")
+    parser.add_argument("--seed", type=int, default=0, help="Random seed.")
+    parser.add_argument("--only", default=None, help="Formats, separated by commas.")
+    parser.add_argument("--quick", action="store_true", help="100 mutants per format.")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore")
+    with tempfile.TemporaryDirectory() as folder:
+        forms = make_formats(Path(folder))
+        only = arguments.only.split(",") if arguments.only else [form.name for form in forms]
+        mutants = 100 if arguments.quick else arguments.mutants
+        rows = [attack(form, mutants, arguments.first, arguments.seed) for form in forms if form.name in only]
+    print(json.dumps({"violations": sum(row["violations"] for row in rows), "formats": rows}))
+
+
+if __name__ == "__main__":
+    main()
