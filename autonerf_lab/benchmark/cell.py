@@ -8,6 +8,7 @@ import time
 import traceback
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 from PIL import Image
 
@@ -96,7 +97,7 @@ def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str 
         Scores(rows).save(exploration)
     for name, (stage, figure) in FIGURES.items():
         _shrink(run / f"figures/{stage}_{figure}.png", results.path / "figures" / f"{cell.name}_{name}.webp")
-    stages = {name: StageCost(seconds=row["seconds"], peak_gb=row["peak_gb"]) for name, row in run.stages.items()}
+    stages = cast("dict[str, StageCost]", dict(run.stages))
     stages["exploration"] = StageCost(seconds=round(time.perf_counter() - started, 3), peak_gb=resources.peak_gb())
     scores = tuple(_labelled(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(exploration)])
     return Outcome(cell, OK, scores, stages, storage.read_json(folder / "curves.json", dict[str, list[float]]))

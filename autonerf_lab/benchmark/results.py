@@ -15,7 +15,7 @@ import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import msgspec
 
@@ -40,6 +40,7 @@ class StageCost(TypedDict):
 
     seconds: float
     peak_gb: float | None
+    finished: NotRequired[str]  # time, ISO 8601
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def test_scores_name_the_weights_they_came_from(path, lpips, tmp_path):
         (tmp_path / "without.json").read_text()
     )
     (tmp_path / "bad.json").write_text('{"scores": [], "weights": ["lpips"]}')
-    with pytest.raises(DataError, match=r"bad\.json: 'weights'"):
+    with pytest.raises(DataError, match=r"bad\.json is not as expected.*weights"):
         Scores.load(tmp_path / "bad.json")
 
 

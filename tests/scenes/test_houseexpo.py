@@ -121,13 +121,13 @@ def test_labels_map_to_categories():
 
 
 BAD = {
-    "truncated": (json.dumps(traced())[:200], "not a readable floor plan"),
-    "nested": ("[" * 100_000, "not a readable floor plan"),
+    "truncated": (json.dumps(traced())[:200], "not readable JSON"),
+    "nested": ("[" * 100_000, "not readable JSON"),
     "a list": ([1, 2], "not a floor plan"),
     "no outline": ({"room_category": {}}, "'verts'"),
     "two points": ({**traced(), "verts": [[0, 0], [1, 1]]}, "2 points"),
     "a word": ({**traced(), "verts": [[0, 0], [9, "x"], [9, 9]]}, r"verts\[1\]"),
-    "not a number": (json.dumps(traced()).replace("9.6", "NaN"), "finite numbers"),
+    "not a number": (json.dumps(traced()).replace("9.6", "NaN"), "not readable JSON"),
     "kilometres": ({**traced(), "verts": [[0, 0], [5000, 0], [5000, 5000], [0, 5000]]}, "metres"),
     "no ground": (
         {**traced(), "verts": [[0, 0], [5, 5], [0, 0], [5, 5]]},
