@@ -79,6 +79,7 @@ class TestEvery:
         image = env.render()
         assert image.shape == (16, 16, 3) and image.dtype == np.uint8 and image.std() > 1
 
+    @pytest.mark.filterwarnings("ignore:invalid escape sequence")  # in moviepy, when Python compiles it
     def test_videos_are_recorded(self, name, scene, tmp_path):
         pytest.importorskip("moviepy")
         env = gymnasium.make(name, scene=scene, render_mode="rgb_array", max_steps=3, **small(name))
