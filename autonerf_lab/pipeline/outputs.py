@@ -18,7 +18,9 @@ Files = dict[str, str]  # path relative to the folder -> SHA-256
 
 
 def is_own(root: Path, path: Path) -> bool:
-    """Return True if a path below ``root`` is a regular file and no part of it is a symbolic link."""
+    """Return True if a path is a regular file below ``root`` and no part of it is a symbolic link."""
+    if not path.is_relative_to(root):  # an absolute path in a list that somebody edited
+        return False
     parts = path.relative_to(root).parts
     links = any((root / Path(*parts[:k])).is_symlink() for k in range(1, len(parts) + 1))
     return ".." not in parts and not links and path.is_file()

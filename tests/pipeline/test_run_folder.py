@@ -1,6 +1,7 @@
 """Run folder: configuration, progress, overwriting and locks."""
 
 import errno
+import hashlib
 import json
 import os
 import shutil
@@ -162,6 +163,18 @@ def test_symbolic_links_are_not_followed(tmp_path, link):
     (tmp_path / "run" / link).symlink_to(outside)
     open_run(tmp_path / "run", CONFIG, overwrite=True)
     assert (outside / "color.glb" if outside.is_dir() else outside).read_text() == "mesh/color.glb"
+
+
+@pytest.mark.parametrize("name", ["{outside}", "../outside", "mesh/../../outside"])
+def test_a_list_that_names_files_elsewhere_removes_none_of_them(tmp_path, name):
+    run, outside = open_run(tmp_path / "run", CONFIG), tmp_path / "outside"
+    finish(run, *STAGES)
+    outside.write_text("precious")
+    digest = hashlib.sha256(b"precious").hexdigest()
+    listed = {"mesh": {name.format(outside=outside): digest}}
+    (tmp_path / "run/outputs.json").write_text(json.dumps(listed))
+    open_run(tmp_path / "run", CONFIG, overwrite=True)
+    assert outside.read_text() == "precious"
 
 
 def test_running_a_stage_again_removes_dependent_results(tmp_path):
