@@ -21,7 +21,7 @@ from autonerf_lab.geometry import Intrinsics
 _LAYERS = {"depth_file_path": (read_depth, 4), "semantics_file_path": (read_classes, 1)}  # reader, bytes per pixel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # equality of arrays has no single truth value
 class Dataset:
     """Posed images, which may have different intrinsics and sizes.
 

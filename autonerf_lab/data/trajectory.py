@@ -25,7 +25,7 @@ _FOLDERS = {"file_path": "images", "depth_file_path": "depth", "semantics_file_p
 _MAX_DEPTH_MM = 65535
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # equality of arrays has no single truth value
 class Trajectory:
     """Recording of one episode. Frame t holds the observation at which action t was chosen.
 

@@ -115,5 +115,5 @@ def _check_inside(pose: np.ndarray, map: MapState) -> None:
     if distance > half - 1.0:
         raise SceneError(
             f"the robot is {distance:.1f} m from its start and its map ends at {half:.1f} m; "
-            f"explore with a larger map_size (now {map.occupied.shape[0]} cells)"
+            f"use a larger map (map_size=, --map-size; now {map.occupied.shape[0]} cells)"
         )
