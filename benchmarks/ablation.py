@@ -69,7 +69,7 @@ VARIATIONS = (
     Variation("proposals updated every 2nd step", {"proposal_every": 2}),
     Variation("all samples active (min_weight 0)", {"min_weight": 0.0}),
     Variation("shell as thick as half the box", {"shell": 1.0}),
-    Variation("trained with depth, weight 0.05", {"depth_weight": 0.05}),
+    Variation("trained with depth", {"depth_weight": 2.25}),
     Variation("occupancy grid (instant-ngp)", {"rays": BASE.rays}, model="instant-ngp"),
 )
 

@@ -18,7 +18,7 @@ from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, TrainingError
 from autonerf_lab.nerf.checkpoint import TrainingState
 from autonerf_lab.nerf.frame import SPREAD, FieldFrame, inliers
-from autonerf_lab.nerf.model import Model, ModelSpec, check_device
+from autonerf_lab.nerf.model import DepthGuidedSampler, Model, ModelSpec, check_device
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
@@ -65,7 +65,7 @@ def fit(
     """Train a field on a trajectory or on photographs.
 
     Args:
-        data: RGB images, poses and optionally semantics; depth is used only if ``depth_weight`` is set.
+        data: RGB images, poses and optionally semantics; models whose ``depth_weight`` is above 0 also need depth.
         model: a name (see :mod:`autonerf_lab.nerf.models`), or a custom
             :class:`~autonerf_lab.nerf.model.ModelSpec`.
         preset: selects the hyper-parameters and the number of steps.
@@ -96,6 +96,7 @@ def fit(
     settings = replace(settings, steps=steps) if steps is not None else settings
     data = Dataset.from_trajectory(data) if isinstance(data, Trajectory) else data
     settings = _for_data(settings, data)
+    data = data if settings.depth_weight else replace(data, depths=None)
     frame = FieldFrame.from_dataset(data)
     rng = np.random.default_rng(seed)
     positions = frame.to_field(data.poses[:, :3, 3])
@@ -104,10 +105,12 @@ def fit(
     classes = 0 if data.semantics is None else NUM_CLASSES
     try:
         built = spec.build(settings, box, len(data), classes, rng, device)
+        pixels = PixelSampler(data, frame)
+        if isinstance(built.sampler, DepthGuidedSampler):
+            built.sampler.observe(pixels)
         state = TrainingState(built, Adam(built.parameters), rng)
         if checkpoint is not None:
             state.resume(checkpoint, {"seed": seed, "model": spec.name, "views": _fingerprint(data)})
-        pixels = PixelSampler(data if settings.depth_weight else replace(data, depths=None), frame)
         log = None if log_dir is None else TensorBoardLog(log_dir, state.step)
         callbacks = [call for call in (callback, log) if call is not None]
         try:
@@ -140,7 +143,10 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
     if data.semantics is not None and (most := max(int(layer.max()) for layer in data.semantics)) >= NUM_CLASSES:
         raise DataError(f"the semantics contain the class {most}; classes are 0 to {NUM_CLASSES - 1}")
     if settings.depth_weight and data.depths is None:
-        raise DataError("depth_weight is set, but the data has no depth; set it to 0, or use data with depth")
+        raise DataError(
+            "the model learns from depth (depth_weight is above 0), but the data has no depth; choose a model without "
+            "it, such as semantic-nerfacto, or data with depth"
+        )
     if data.metric:
         return settings
     return replace(settings, far=FAR_AWAY, turn=min(settings.turn, SPREAD * 2), shell=1.0)
@@ -152,6 +158,8 @@ def _fingerprint(data: Dataset) -> str:
     digest.update(repr(data.intrinsics).encode())
     for image in data.images:
         digest.update(image.tobytes())
+    for depth in data.depths or []:
+        digest.update(depth.tobytes())
     return digest.hexdigest()
 
 

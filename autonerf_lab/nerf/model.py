@@ -12,12 +12,13 @@ sampler, or a new combination of existing ones, and a :class:`ModelSpec` that bu
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
 
 from autonerf_lab.errors import DeviceError, UnknownNameError
+from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.pose_offsets import PoseOffsets
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
 from autonerf_lab.nerf.scene_box import SceneBox
@@ -93,6 +94,14 @@ class Sampler(Protocol):
         """Return gradients and losses of the sampler, given the field's ``weights`` (R, S) of the samples."""
 
 
+@runtime_checkable
+class DepthGuidedSampler(Protocol):
+    """A sampler that learns where surfaces are from the depth of the training images, before the training."""
+
+    def observe(self, pixels: PixelSampler) -> None:
+        """Take in the measured depth of the training images."""
+
+
 class Model:
     """A field and a sampler, trained and used together.
 
@@ -131,6 +140,7 @@ class Model:
         The gradients may be buffers that the next step reuses.
         """
         jitter = rng.random(len(rays), dtype=np.float32)
+        rays = replace(rays, depth=targets.depth)
         if self.pose_offsets is None:
             samples = self.sampler.sample(rays, jitter)
             output = self.field.train(rays, samples, targets, rng, False)

@@ -1,5 +1,6 @@
 """Learned corrections of the training poses (``refine_cameras``; off by default)."""
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -39,7 +40,7 @@ class PoseOffsets:
         """Return the rays of training images after the corrections."""
         rotated = np.einsum("rij,rj->ri", self.rotations()[rays.frames], rays.directions)
         origins = rays.origins + self.parameters["camera_shift"][rays.frames]
-        return Rays(origins, np.ascontiguousarray(rotated, np.float32), rays.frames)
+        return replace(rays, origins=origins, directions=np.ascontiguousarray(rotated, np.float32))
 
     def gradients(self, rays: Rays, output: TrainOutput) -> dict[str, np.ndarray]:
         """Convert the gradients of corrected rays to those of the offsets, penalties included.

@@ -14,7 +14,7 @@ from autonerf_lab.nerf.checkpoint import FieldHeader, load_parts, save_parts, se
 from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import Model, ModelSpec, check_device
 from autonerf_lab.nerf.models import MODELS, model_spec
-from autonerf_lab.nerf.ray_batch import assign, to_numpy
+from autonerf_lab.nerf.ray_batch import restore, to_numpy
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.visibility import Visibility
 from autonerf_lab.types import Rendering
@@ -176,8 +176,8 @@ def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | 
         box = SceneBox(center, half, header.box.shell)
         built = spec.build(settings, box, len(poses), header.classes, np.random.default_rng(0), device)
         for prefix, group in (("parameter", built.parameters), ("state", built.state)):
-            for name, value in group.items():
-                assign(value, arrays[f"{prefix}/{name}"])
+            for name in group:
+                restore(group, name, arrays[f"{prefix}/{name}"])
         grid = header.visibility
         voxels = math.prod(grid.shape)
         if (

@@ -20,6 +20,7 @@ class Rays:
     origins: np.ndarray  # (R, 3) float32, metres
     directions: np.ndarray  # (R, 3) float32, unit
     frames: np.ndarray | None = None  # (R,) int64, index of the training image of each ray; None: not from an image
+    depth: np.ndarray | None = None  # (R,) float32, measured metres along the ray, NO_DEPTH for none; None: new view
 
     def __len__(self) -> int:
         """Return the number of rays."""
@@ -78,6 +79,19 @@ class RenderOutput:
 def to_numpy(value: Array) -> np.ndarray:
     """Return the values of an array or tensor as an array."""
     return value.detach().cpu().numpy() if isinstance(value, torch.Tensor) else value
+
+
+def restore(group: dict[str, Any], name: str, value: np.ndarray) -> None:
+    """Overwrite the array or tensor ``name`` of a group in place; an empty array is replaced, its shape was not known.
+
+    Raises:
+        ValueError: the shapes, or the types of a replaced array, differ.
+    """
+    known = group[name]
+    if isinstance(known, np.ndarray) and known.size == 0 and known.ndim == value.ndim and known.dtype == value.dtype:
+        group[name] = value
+    else:
+        assign(known, value)
 
 
 def assign(target: Array, value: np.ndarray) -> None:

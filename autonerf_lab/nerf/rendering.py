@@ -5,7 +5,11 @@ distances in metres. CUDA trains with these functions. On the CPU, :mod:`autoner
 and tests compare both.
 """
 
+import math
+
 import torch
+
+from autonerf_lab.nerf.settings import Settings
 
 # Added to the output of the density network, which starts near 0: the initial density is low enough for rays to reach
 # the walls.
@@ -146,6 +150,28 @@ def occupied_bins(
     step = (torch.searchsorted(passed.contiguous(), wanted.contiguous()) - 1).clamp(0, occupied.shape[1] - 1)
     middle = edges.gather(1, step) + wanted - passed.gather(1, step)
     return middle - width / 2, middle + width / 2
+
+
+def surface_loss(
+    raw: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor, depth: torch.Tensor, settings: Settings
+) -> torch.Tensor:
+    """Return the (R,) squared errors of the signed distances that log densities imply around measured surfaces.
+
+    At a distance x behind the surface the density should be ``surface_density * exp(sharpness * x)``, but at least
+    ``free_density``; lower densities in free space are no error. Bins further behind than ``behind`` are not compared.
+
+    Args:
+        raw: (R, S) outputs that :func:`density_from_raw` converts.
+        starts, ends: (R, S).
+        depth: (R,) measured distances, metres; 0 for none.
+        settings: the profile of the density.
+    """
+    behind = (starts + ends) / 2 - depth[:, None]
+    wanted = math.log(settings.surface_density) + settings.sharpness * behind
+    free = math.log(settings.free_density)
+    error = (raw + LOG_SIGMA_START - wanted.clamp(min=free)) / settings.sharpness
+    compared = (depth[:, None] > 0) & (behind <= settings.behind) & ((wanted > free) | (error > 0))
+    return (error**2 / 2 * compared).sum(dim=1)
 
 
 def distortion_loss(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor, turn: float) -> torch.Tensor:

@@ -31,7 +31,11 @@ class Settings:
     semantic_weight: float = 0.02  # of the cross entropy; the colour loss has weight 1
     rays_by_class: float = 0.2  # share of rays sampled by class, so that small objects are seen often enough
     distortion_weight: float = 0.002
-    depth_weight: float = 0.0  # of the absolute depth error, per metre; depth images are used if above 0
+    depth_weight: float = 0.0  # of the squared error of signed distances, per m²; depth images are used if above 0
+    surface_density: float = 67.0  # per metre, at a measured surface
+    sharpness: float = 120.0  # growth of the log density through a measured surface, per metre
+    free_density: float = 0.0015  # largest density in measured free space, per metre
+    behind: float = 0.04  # distance behind a measured surface in which densities are compared
     refine_cameras: bool = False  # learn a correction of each training pose, a 6-vector
     learning_rate: float = 1e-2
     final_learning_rate: float = 2e-3
@@ -75,6 +79,7 @@ class HashSettings(Settings):
     fine: float = 0.02  # side of the smallest cells
     hidden: int = 64  # units of a hidden layer; a multiple of 4
     appearance: int = 0  # size of the learned embedding of each training image; a multiple of 4
+    density_gain: float = 1.0  # factor of the density network's output; large for sharp surfaces and small features
     table_rate: float = 3.0  # learning rate of hash tables as a multiple: few batches update an entry
 
     def __post_init__(self) -> None:
@@ -106,6 +111,21 @@ class ProposalSettings(HashSettings):
             raise DataError(
                 f"settings: proposal_fine must be from 0.0001 to coarse={self.coarse}, not {self.proposal_fine}"
             )
+
+
+@dataclass(frozen=True)
+class SurfaceSettings(HashSettings):
+    """Settings of a hash field trained on RGB-D images, with samples around the measured surfaces."""
+
+    depth_weight: float = 2.25
+    density_gain: float = 8.0
+    samples: int = 12  # in training
+    evaluation_samples: int = 16
+    before: float = 0.05  # distance in front of a surface that the samples cover; ``behind`` on the other side
+    band: float = 0.06  # voxels of the distance grid closer than this count as near a surface
+    voxel: float = 0.03  # side of a voxel of the distance grid
+    truncation: float = 0.09  # largest distance that is fused
+    fused_rays: int = 6_000_000  # largest number of pixels that are fused
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ CAMERA = Intrinsics.from_fov(24, 24)
 # these than a hash table.
 REMAINING_VARIANCE = {"semantic-nerf": 0.98}
 OPTIONS = {
-    "depth": {"depth_weight": 0.05},
+    "depth": {"depth_weight": 2.25},
     "pose offsets": {"refine_cameras": True},
     "no view dependence": {"view_dependent": False},
 }

@@ -80,7 +80,9 @@ def test_invalid_arguments_are_refused():
         explore(sim, steps=0)
     with pytest.raises(SceneError, match="cannot stand"):
         explore(sim, steps=3, pose=planar_pose(0.7, 2.5, 0.0), progress=False)
-    with pytest.raises(SceneError, match=r"its map ends at 1.0 m; use a larger map \(map_size=, --map-size; now 40 cells\)"):
+    with pytest.raises(
+        SceneError, match=r"its map ends at 1.0 m; use a larger map \(map_size=, --map-size; now 40 cells\)"
+    ):
         explore(sim, Square(), steps=3, pose=planar_pose(2, 1, 0.0), progress=False, map_size=40)
     with pytest.raises(WrongTypeError, match="it is a class; pass an instance"):
         explore(sim, Square, steps=3, progress=False)

@@ -108,10 +108,10 @@ def test_code_about_models_runs(tmp_path: Path) -> None:
 
 def test_every_model_is_listed() -> None:
     assert set(names_in("docs/fields.md", "Models")) == set(MODELS)
-    for spec in MODELS.values():
+    for name, spec in MODELS.items():
         for preset, settings in spec.settings.items():
             assert f"`{preset}`" in text_of("docs/fields.md", "Models")
-            assert (settings.depth_weight, settings.view_dependent) == (0, True), "defaults as the page says"
+            assert (settings.depth_weight > 0, settings.view_dependent) == (name.endswith("-rgbd"), True)
 
 
 def test_rewards_and_environments_are_listed() -> None:

@@ -10,6 +10,7 @@ from autonerf_lab.nerf.fields.hash_field import HashField
 from autonerf_lab.nerf.fields.torch_field import RenderedTensors
 from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
 from autonerf_lab.nerf.kernels import dense
+from autonerf_lab.nerf.kernels.volume_rendering import LOG_SIGMA_START, SurfaceProfile, surface_error
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import semantic_nerfacto
 from autonerf_lab.nerf.ray_batch import Rays, Samples, Targets
@@ -21,8 +22,8 @@ RAYS = 64
 BOX = SceneBox(np.zeros(3, np.float32), np.array([2, 1.5, 1], np.float32), 0.25)
 SETTINGS = ProposalSettings(
     samples=8, proposal_samples=(12, 10), levels=4, log2_entries=10, hidden=16, appearance=4,
-    proposal_levels=2, proposal_log2_entries=9, distortion_weight=0.5, semantic_weight=0.3, depth_weight=0.2,
-    far=6.0, min_weight=0.0, padding=0.5,
+    proposal_levels=2, proposal_log2_entries=9, distortion_weight=0.5, semantic_weight=0.3, depth_weight=200.0,
+    far=6.0, min_weight=0.0, padding=0.5, sharpness=4.0, behind=0.5,
 )  # fmt: skip
 
 
@@ -48,7 +49,9 @@ def some_rays(seed: int = 1) -> tuple[Rays, Targets]:
     return rays, Targets(rng.random((RAYS, 3), dtype=np.float32), rng.integers(-1, 16, RAYS), depth)
 
 
-@pytest.mark.parametrize("options", [{}, {"view_dependent": False}, {"depth_weight": 0.0}, {"appearance": 0}])
+@pytest.mark.parametrize(
+    "options", [{}, {"view_dependent": False}, {"depth_weight": 0.0}, {"appearance": 0}, {"density_gain": 2.0}]
+)
 def test_training_step_agrees_with_autograd(options: dict) -> None:
     kernels, reference = small_models(replace(SETTINGS, **options))
     rays, targets = some_rays()
@@ -73,6 +76,27 @@ def test_a_field_without_classes_agrees_with_autograd() -> None:
             assert np.abs(gradients[name] - wanted.numpy()).max() <= 2e-3 * wanted.abs().max(), name
 
 
+def test_samples_around_a_measured_surface_learn_without_weight() -> None:
+    """With a limit that no weight reaches, only the samples that the measured depth compares have a gradient."""
+    rays, targets = some_rays()
+    for depth, learns in ((np.full(RAYS, 3.0, np.float32), True), (np.zeros(RAYS, np.float32), False)):
+        model = small_models(replace(SETTINGS, min_weight=1.0, samples=16))[0]
+        gradients, _ = model.train_step(rays, replace(targets, depth=depth), np.random.default_rng(5))
+        assert bool(np.abs(gradients["density_1"][0]).max() > 0) is learns
+
+
+def test_surface_error_by_hand() -> None:
+    """Bins at 0.9 and 1.02 m, surface at 1 m: wanted log densities are 4 - 10 = -6, at least -2, and 4 + 2 = 6."""
+    profile = SurfaceProfile(*map(np.float32, (4.0, 100.0, -2.0, 0.05)))
+    raw = np.float32([1.5, 3.5, 9.0]) - LOG_SIGMA_START  # log densities 1.5, 3.5 and 9
+    starts, ends, d_raw = np.float32([0.8, 1.01, 1.1]), np.float32([1.0, 1.03, 1.2]), np.zeros(3, np.float32)
+    total = surface_error(raw, starts, ends, np.float32(1), profile, np.float32(2), d_raw)
+    assert total == pytest.approx(0.5 * (3.5**2 + 2.5**2) / 100**2, rel=1e-4)  # the third bin is too far behind
+    np.testing.assert_allclose(d_raw, [2 * 3.5 / 100**2, -2 * 2.5 / 100**2, 0], rtol=1e-4)
+    raw[0] = -5 - LOG_SIGMA_START  # emptier than asked for
+    assert surface_error(raw[:1], starts, ends, np.float32(1), profile, np.float32(2), d_raw) == 0
+
+
 def test_rendering_agrees_with_the_reference() -> None:
     kernels, reference = small_models()
     rays, _ = some_rays()
@@ -83,8 +107,9 @@ def test_rendering_agrees_with_the_reference() -> None:
         np.testing.assert_allclose(a, b, rtol=2e-3, atol=2e-4)
 
 
-def test_queries_agree_with_the_reference() -> None:
-    kernels, reference = small_models()
+@pytest.mark.parametrize("gain", [1.0, 2.0])
+def test_queries_agree_with_the_reference(gain: float) -> None:
+    kernels, reference = small_models(replace(SETTINGS, density_gain=gain))
     points = np.random.default_rng(2).uniform(-3, 3, (200, 3))
     directions = some_rays()[0].directions[np.arange(200) % RAYS]
     for a, b in (

@@ -13,6 +13,7 @@ This module holds the parameters and calls the kernels of :mod:`autonerf_lab.ner
 so that callers may pass any number of rays. The same field in torch: :mod:`autonerf_lab.nerf.fields.torch_hash_field`.
 """
 
+import math
 from typing import TypeVar
 
 import numpy as np
@@ -99,6 +100,7 @@ class HashField:
             turn=np.float32(s.turn),
             min_weight=np.float32(s.min_weight),
             depth_error=np.float32(s.depth_weight / count),
+            density_gain=np.float32(s.density_gain),
         )
         rays, samples, targets, background = _padded_batch(rays, samples, targets, background)
         x, enc, d_features, weights, _, sums, gradients = self._forward_backward(
@@ -129,15 +131,14 @@ class HashField:
         logits = np.empty((len(rays), len(self._values["semantic_1"])), np.float32)
         fused.render_rays(
             self._matrices(), enc, self._ray_features(rays), samples.starts, samples.ends,
-            np.float32(self.settings.min_weight), weights, color, logits, depth,
+            np.float32(self.settings.min_weight), np.float32(self.settings.density_gain), weights, color, logits, depth,
         )  # fmt: skip
         return RenderOutput(color[:count], logits[:count], depth[:count], weights[:count])
 
     def density(self, points: np.ndarray) -> np.ndarray:
         """Return densities at points; see :class:`~autonerf_lab.nerf.model.Field`."""
-        return np.exp(
-            np.minimum(self._geometry(points)[:, 0] + volume_rendering.LOG_SIGMA_START, volume_rendering.MAX_LOG_SIGMA)
-        )
+        raw = np.float32(self.settings.density_gain) * self._geometry(points)[:, 0]
+        return np.exp(np.minimum(raw + volume_rendering.LOG_SIGMA_START, volume_rendering.MAX_LOG_SIGMA))
 
     def color(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Return colours at points; see :class:`~autonerf_lab.nerf.model.Field`."""
@@ -162,7 +163,8 @@ class HashField:
         targets = Targets(target, np.full(tiled, NO_LABEL), np.full(tiled, NO_DEPTH, np.float32))
         zero = np.float32(0)
         turn, min_weight = np.float32(self.settings.turn), np.float32(self.settings.min_weight)
-        scales = fused.Scales(np.float32(1 / 3), zero, zero, turn, min_weight, zero)
+        gain = np.float32(self.settings.density_gain)
+        scales = fused.Scales(np.float32(1 / 3), zero, zero, turn, min_weight, zero, gain)
         black = np.zeros((tiled, 3), np.float32)
         x, enc, d_features, _, color, _, _ = self._forward_backward(rays, samples, targets, black, scales, False)
         d_o, d_d = self._ray_gradient(rays, samples, x, enc, d_features, count)
@@ -201,7 +203,8 @@ class HashField:
         gradients = fused.FieldMatrices(*(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices))
         fused.train_rays(
             matrices, transposed(matrices), gradients, enc, features, samples.starts, samples.ends,
-            targets.color, targets.labels, targets.depth, background, scales, learn, d_features, weights, color, sums,
+            targets.color, targets.labels, targets.depth, background, scales, surface_profile(self.settings), learn,
+            d_features, weights, color, sums,
         )  # fmt: skip
         summed = {name: value.sum(axis=0) for name, value in gradients._asdict().items()}
         return x, enc, d_features, weights, color, sums, summed
@@ -247,6 +250,12 @@ class HashField:
             count = min(chunk, len(points) - first)
             out[first : first + count] = g.transpose(0, 2, 1).reshape(-1, GEOMETRY)[:count]
         return out
+
+
+def surface_profile(settings: HashSettings) -> volume_rendering.SurfaceProfile:
+    """Return the log density around a measured surface, for the kernels."""
+    values = (math.log(settings.surface_density), settings.sharpness, math.log(settings.free_density), settings.behind)
+    return volume_rendering.SurfaceProfile(*map(np.float32, values))
 
 
 def transposed(matrices: Matrices) -> Matrices:

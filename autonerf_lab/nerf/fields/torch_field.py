@@ -12,7 +12,7 @@ import torch
 from torch.nn import functional
 
 from autonerf_lab.nerf import rendering
-from autonerf_lab.nerf.ray_batch import NO_DEPTH, Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
+from autonerf_lab.nerf.ray_batch import Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
 from autonerf_lab.nerf.settings import Settings
 
 
@@ -25,6 +25,7 @@ class RenderedTensors(NamedTuple):
     left: torch.Tensor  # (R,) transmittance behind the last bin
     starts: torch.Tensor  # (R, S) distances of the bins, metres
     ends: torch.Tensor  # (R, S)
+    raw: torch.Tensor  # (R, S) log densities before :func:`~autonerf_lab.nerf.rendering.density_from_raw`
 
 
 class TorchField(ABC):
@@ -87,10 +88,8 @@ class TorchField(ABC):
             losses["class_accuracy"] = (rendered.logits.argmax(dim=1) == labels).float().mean()
             total = total + s.semantic_weight * losses["cross_entropy"]
         if s.depth_weight:
-            wanted = self.tensor(targets.depth)
-            expected = (rendered.weights * (rendered.starts + rendered.ends) / 2).sum(dim=1)
-            expected = expected + rendered.left * rendered.ends[:, -1]
-            losses["depth"] = ((expected - wanted).abs() * (wanted != NO_DEPTH)).mean()
+            measured = self.tensor(targets.depth)
+            losses["depth"] = rendering.surface_loss(rendered.raw, rendered.starts, rendered.ends, measured, s).mean()
             total = total + s.depth_weight * losses["depth"]
         return total, losses
 
@@ -154,7 +153,7 @@ class TorchField(ABC):
         raw, color, logits = self.forward(points, directions, images)
         weights = rendering.weights_from_density(rendering.density_from_raw(raw), starts, ends)
         color, logits = rendering.composite(weights, color), rendering.composite(weights, logits)
-        return RenderedTensors(color, logits, weights, 1 - weights.sum(dim=1), starts, ends)
+        return RenderedTensors(color, logits, weights, 1 - weights.sum(dim=1), starts, ends, raw)
 
     @torch.no_grad()
     def _query(

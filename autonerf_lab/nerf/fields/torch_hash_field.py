@@ -49,4 +49,4 @@ class TorchHashField(TorchField):
         hidden = torch.relu(geometry @ p["color_geometry"].T + (features @ p["color_ray"].T)[:, None])
         color = torch.sigmoid(torch.relu(hidden @ p["color_1"].T) @ p["color_2"][:3].T)
         logits = torch.relu(geometry @ p["semantic_0"].T) @ p["semantic_1"].T
-        return geometry[..., 0], color, logits
+        return self.settings.density_gain * geometry[..., 0], color, logits

@@ -31,10 +31,10 @@ from autonerf_lab.nerf.kernels.tiling import (
 )
 from autonerf_lab.nerf.kernels.volume_rendering import (
     distortion,
-    expected_depth_error,
     median_depth,
     ray_weights,
     ray_weights_backward,
+    surface_error,
 )
 
 
@@ -64,11 +64,14 @@ class Scales(NamedTuple):
     turn: np.float32  # distance where the warp changes from linear to disparity, metres
     min_weight: np.float32  # smallest weight of an active sample
     depth_error: np.float32
+    density_gain: np.float32  # factor of the first output of the density network
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _pack(weights, min_weight, columns, owners, owned, packed):
+def _pack(weights, forced, min_weight, columns, owners, owned, packed):
     """Find the active samples of a tile; return their number, and that number rounded up to whole vectors.
+
+    Samples are active if they have weight or ``forced`` (TILE_RAYS, S) is set.
 
     Sums over a ray and copies to its samples become products with two thin matrices, which the dense kernels compute
     fast: ``owned[r, k]`` is 1 where sample k lies on ray r, ``packed[r, k]`` is its weight. Filler columns belong to no
@@ -77,7 +80,7 @@ def _pack(weights, min_weight, columns, owners, owned, packed):
     count, samples = 0, weights.shape[1]
     for r in range(weights.shape[0]):
         for i in range(samples):
-            if weights[r, i] > min_weight:
+            if weights[r, i] > min_weight or forced[r, i]:
                 columns[count], owners[count] = r * samples + i, r
                 count += 1
     full = (count + SIMD_WIDTH - 1) // SIMD_WIDTH * SIMD_WIDTH
@@ -92,6 +95,14 @@ def _pack(weights, min_weight, columns, owners, owned, packed):
         owned[r, k] = ONE
         packed[r, k] = weights[r, columns[k] - r * samples]
     return count, full
+
+
+@njit(fastmath=True, cache=True, error_model="numpy")
+def _force(starts, ends, depth, front, behind, forced):
+    """Mark the samples of one ray that are compared with a measured surface; they need a gradient without weight."""
+    for i in range(forced.shape[0]):
+        distance = np.float32(0.5) * (starts[i] + ends[i]) - depth
+        forced[i] = depth > ZERO and -front < distance < behind
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
@@ -202,7 +213,7 @@ def _heads_backward(transposed, gradients, chunk, learn, owned, n, g, c0, c1, s0
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def train_rays(
     matrices, transposed, gradients, enc, features, starts, ends, target, labels, depths, background, scales,
-    learn, d_features, weights, color, losses,
+    surface, learn, d_features, weights, color, losses,
 ):  # fmt: skip
     """Run the forward and backward pass of a batch of rays.
 
@@ -217,11 +228,12 @@ def train_rays(
         depths: (R,), metres along the ray, or 0 for none.
         background: (R, 3), colour behind the last bin.
         scales: loss factors and limits, :class:`Scales`.
+        surface: log density around measured surfaces, :class:`~.volume_rendering.SurfaceProfile`.
         learn: compute gradients of the matrices; pose refinement needs only those of the positions.
         d_features: like ``features``, written.
         weights: (R, S), written.
         color: (R, 3), written, rendered colour.
-        losses: (CHUNKS, 5) float64, written: sums of squared error, cross entropy, distortion, correct labels, depth
+        losses: (CHUNKS, 5) float64, written: sums of squared error, cross entropy, distortion, correct labels, surface
             error.
     """
     tiles, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
@@ -232,6 +244,7 @@ def train_rays(
         matrices.semantic_1.shape[0],
     )
     per_chunk = (tiles + CHUNKS - 1) // CHUNKS
+    front = (surface.log_density - surface.log_free) / surface.sharpness
     for chunk in prange(CHUNKS):
         h_all, g_all, d_all = buffer(hidden, width), buffer(GEOMETRY, width), buffer(1, width)
         x, h, g = buffer(inputs, width), buffer(hidden, width), buffer(GEOMETRY, width)
@@ -247,7 +260,8 @@ def train_rays(
         owned, packed = buffer(TILE_RAYS, width), buffer(TILE_RAYS, width)
         slopes, d_packed = buffer(TILE_RAYS, width), np.zeros(width, np.float32)
         d_s_ray_t = buffer(TILE_RAYS, semantic)
-        d_weights = np.zeros(samples, np.float32)
+        d_weights, raw = np.zeros(samples, np.float32), np.zeros(width, np.float32)
+        forced = np.zeros((TILE_RAYS, samples), np.bool_)
         squared, entropy, spread, correct, depth_error = 0.0, 0.0, 0.0, 0.0, 0.0
         for b in range(chunk * per_chunk, min((chunk + 1) * per_chunk, tiles)):
             first = b * TILE_RAYS
@@ -255,10 +269,15 @@ def train_rays(
             dense(matrices.density_0, enc[b], h_all, width)
             relu(h_all, width)
             dense(matrices.density_1, h_all, g_all, width)
+            for s in range(width):
+                raw[s] = scales.density_gain * g_all[0, s]
             for r in range(TILE_RAYS):
-                raw = g_all[0, r * samples : (r + 1) * samples]
-                left[r] = ray_weights(raw, starts[first + r], ends[first + r], w[r])
-            count, n = _pack(w, scales.min_weight, columns, owners, owned, packed)
+                t0, t1 = starts[first + r], ends[first + r]
+                left[r] = ray_weights(raw[r * samples : (r + 1) * samples], t0, t1, w[r])
+                _force(
+                    t0, t1, depths[first + r] if scales.depth_error > ZERO else ZERO, front, surface.behind, forced[r]
+                )
+            count, n = _pack(w, forced, scales.min_weight, columns, owners, owned, packed)
             _gather(g_all, columns, n, g)
             dense(matrices.color_ray, features[b], ray_part, TILE_RAYS)
             _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0)
@@ -293,17 +312,14 @@ def train_rays(
                     k += 1
                 t0, t1 = starts[first + r], ends[first + r]
                 spread += distortion(t0, t1, w[r], scales.turn, scales.distortion, d_weights)
-                if depths[first + r] > ZERO:
-                    error, slope = expected_depth_error(
-                        t0, t1, w[r], left[r], depths[first + r], scales.depth_error, d_weights
+                d_raw = d_all[0, near:far]
+                ray_weights_backward(raw[near:far], t0, t1, w[r], left[r], d_weights, d_left[r], d_raw)
+                if scales.depth_error > ZERO and depths[first + r] > ZERO:
+                    depth_error += surface_error(
+                        raw[near:far], t0, t1, depths[first + r], surface, scales.depth_error, d_raw
                     )
-                    depth_error += error
-                    d_left[r] += slope
-                ray_weights_backward(
-                    g_all[0, near:far], t0, t1, w[r], left[r], d_weights, d_left[r], d_all[0, near:far]
-                )
             for k in range(count):
-                d_g[0, k] += d_all[0, columns[k]]
+                d_g[0, k] += scales.density_gain * d_all[0, columns[k]]
             for k in range(count, n):
                 d_g[:, k] = ZERO
             _gather(h_all, columns, n, h)
@@ -323,12 +339,13 @@ def train_rays(
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def render_rays(matrices, enc, features, starts, ends, min_weight, weights, color, logits, depth):
+def render_rays(matrices, enc, features, starts, ends, min_weight, density_gain, weights, color, logits, depth):
     """Run the forward pass of a batch of rays.
 
     Args:
         matrices, enc, features, starts, ends: as in :func:`train_rays`; ``enc`` is not overwritten.
         min_weight: smallest weight of an active sample.
+        density_gain: factor of the first output of the density network.
         weights: (R, S), written.
         color: (R, 3), written; the remaining transmittance shows black.
         logits: (R, C), written, rendered logits of the classes.
@@ -343,6 +360,7 @@ def render_rays(matrices, enc, features, starts, ends, min_weight, weights, colo
         tile_logits, shown = buffer(classes, TILE_RAYS), buffer(4, TILE_RAYS)
         columns, owners = np.zeros(width, np.int64), np.zeros(width, np.int64)
         owned, packed = buffer(TILE_RAYS, width), buffer(TILE_RAYS, width)
+        raw, forced = np.zeros(samples, np.float32), np.zeros((TILE_RAYS, samples), np.bool_)
         for b in range(chunk, tiles, CHUNKS):
             first = b * TILE_RAYS
             w = weights[first : first + TILE_RAYS]
@@ -351,9 +369,11 @@ def render_rays(matrices, enc, features, starts, ends, min_weight, weights, colo
             dense(matrices.density_1, h, g_all, width)
             for r in range(TILE_RAYS):
                 t0, t1 = starts[first + r], ends[first + r]
-                ray_weights(g_all[0, r * samples : (r + 1) * samples], t0, t1, w[r])
+                for i in range(samples):
+                    raw[i] = density_gain * g_all[0, r * samples + i]
+                ray_weights(raw, t0, t1, w[r])
                 depth[first + r] = median_depth(t0, t1, w[r])
-            _, n = _pack(w, min_weight, columns, owners, owned, packed)
+            _, n = _pack(w, forced, min_weight, columns, owners, owned, packed)
             _gather(g_all, columns, n, g)
             dense(matrices.color_ray, features[b], ray_part, TILE_RAYS)
             _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0)

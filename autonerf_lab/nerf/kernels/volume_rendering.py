@@ -7,15 +7,31 @@ For bins with densities sigma_i and lengths delta_i (section 3.2 of the paper, a
 Torch references with the same names: :mod:`autonerf_lab.nerf.rendering`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit, prange
 
-from autonerf_lab.nerf.kernels.tiling import ONE, SMALLEST
+from autonerf_lab.nerf.kernels.tiling import ONE, SMALLEST, ZERO
 
 # Added to the output of the density network, which starts near 0: the initial density is low enough for rays to reach
 # the walls.
 LOG_SIGMA_START = np.float32(-2.5)
 MAX_LOG_SIGMA = np.float32(9.6)  # upper limit of the log density, so that float32 stays finite
+
+
+class SurfaceProfile(NamedTuple):
+    """Log density around a measured surface, float32."""
+
+    log_density: np.float32  # at the surface, of the density per metre
+    sharpness: np.float32  # growth per metre
+    log_free: np.float32  # in front of the surface
+    behind: np.float32  # largest distance behind the surface that is compared, metres
+
+    @property
+    def front(self) -> float:
+        """Distance in front of the surface at which space counts as free, metres."""
+        return float((self.log_density - self.log_free) / self.sharpness)
 
 
 @njit(inline="always")
@@ -113,19 +129,32 @@ def distortion(starts, ends, weights, turn, scale, d_weights):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def expected_depth_error(starts, ends, weights, left, depth, scale, d_weights):
-    """Return the absolute error of the expected depth and the gradient of ``left``; add that of ``d_weights``.
+def surface_error(raw, starts, ends, depth, surface, scale, d_raw):
+    """Return the squared error of the signed distances that log densities imply; add its gradient to ``d_raw``.
 
-    The remaining transmittance ``left`` counts at the end of the last bin.
+    At a distance x behind a measured surface the log density should be ``surface.log_density + surface.sharpness x``,
+    but at least ``surface.log_free``; lower values in free space are no error. Bins further than ``surface.behind``
+    behind the surface are not compared.
+
+    Args:
+        raw: (S,) first outputs of a density network (log density).
+        starts, ends: (S,) distances along the ray, metres.
+        depth: measured distance along the ray, metres.
+        surface: a :class:`SurfaceProfile`.
+        scale: factor of the gradient.
+        d_raw: (S,), added to.
     """
-    last = ends[weights.shape[0] - 1]
-    expected = left * last
-    for i in range(weights.shape[0]):
-        expected += weights[i] * np.float32(0.5) * (starts[i] + ends[i])
-    slope = scale if expected > depth else -scale
-    for i in range(weights.shape[0]):
-        d_weights[i] += slope * np.float32(0.5) * (starts[i] + ends[i])
-    return abs(expected - depth), slope * last
+    total = ZERO
+    for i in range(raw.shape[0]):
+        behind = np.float32(0.5) * (starts[i] + ends[i]) - depth
+        if behind > surface.behind:
+            break
+        wanted = surface.log_density + surface.sharpness * behind
+        error = (raw[i] + LOG_SIGMA_START - max(wanted, surface.log_free)) / surface.sharpness
+        if wanted > surface.log_free or error > ZERO:
+            total += np.float32(0.5) * error * error
+            d_raw[i] += scale * error / surface.sharpness
+    return total
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")

@@ -18,13 +18,15 @@ register it::
 
 from autonerf_lab.errors import UnknownNameError, WrongTypeError
 from autonerf_lab.nerf.model import ModelSpec
-from autonerf_lab.nerf.models import instant_ngp, semantic_nerf, semantic_nerfacto
+from autonerf_lab.nerf.models import instant_ngp, semantic_nerf, semantic_nerfacto, semantic_nerfacto_rgbd
 from autonerf_lab.utils.plugins import load_plugins
 
 MODELS: dict[str, ModelSpec] = {
     "semantic-nerf": semantic_nerf.SPEC,
     "semantic-nerfacto": semantic_nerfacto.SPEC,
     "instant-ngp": instant_ngp.SPEC,
+    "semantic-nerfacto-rgbd": semantic_nerfacto_rgbd.SPEC,
+    "instant-ngp-rgbd": instant_ngp.RGBD_SPEC,
 }
 
 
@@ -43,8 +45,8 @@ def model_spec(model: str | ModelSpec) -> ModelSpec:
     Example:
         >>> model_spec("gauss")
         Traceback (most recent call last):
-        autonerf_lab.errors.UnknownNameError: unknown model 'gauss'; valid names: instant-ngp, semantic-nerf, \
-semantic-nerfacto
+        autonerf_lab.errors.UnknownNameError: unknown model 'gauss'; valid names: instant-ngp, instant-ngp-rgbd, \
+semantic-nerf, semantic-nerfacto, semantic-nerfacto-rgbd
     """
     if isinstance(model, ModelSpec):
         return model

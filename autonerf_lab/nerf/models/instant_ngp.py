@@ -1,5 +1,8 @@
 """Instant-NGP (Müller et al. 2022) with a semantic head: hash field and occupancy grid."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from autonerf_lab.nerf.fields.hash_field import HashField
@@ -41,3 +44,20 @@ def build(
 
 
 SPEC = ModelSpec(SETTINGS, build)
+
+# On RGB-D images: the grid knows from measured depth which cells are empty, and a depth loss shapes the density.
+RGBD: dict[str, Any] = {
+    "depth_weight": 2.25,
+    "density_gain": 8.0,
+    "cell": 0.06,
+    "reach": 0.3,
+    "distortion_weight": 0.002,
+}
+RGBD_SPEC = ModelSpec(
+    {
+        "smoke": replace(SETTINGS["smoke"], **RGBD, steps=200),
+        "fast": replace(SETTINGS["fast"], **RGBD),
+        "paper": replace(SETTINGS["paper"], **RGBD),
+    },
+    build,
+)

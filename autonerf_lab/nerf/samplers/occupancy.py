@@ -5,13 +5,16 @@ import torch
 
 from autonerf_lab.errors import DataError
 from autonerf_lab.nerf import rendering
+from autonerf_lab.nerf.distance_grid import fuse_depth
 from autonerf_lab.nerf.fields.torch_field import midpoints
 from autonerf_lab.nerf.kernels import ray_marching, volume_rendering
 from autonerf_lab.nerf.model import Field
+from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import MAX_COUNT, OccupancySettings
 
+FUSED_RAYS = 3_000_000  # largest number of pixels whose depth is fused
 WARM_UP = 256  # steps in which an update queries the whole grid; later it queries an eighth
 
 
@@ -37,6 +40,19 @@ class OccupancySampler:
             "occupancy": np.full(shape, settings.occupied, np.float32),  # density per metre
             "occupancy_steps": np.zeros(1, np.int64),
         }
+        if settings.depth_weight:
+            self.state["measured_free"] = np.zeros(shape, np.uint8)  # 1 where depth shows that a cell is empty
+
+    def observe(self, pixels: PixelSampler) -> None:
+        """Mark the cells that measured rays have crossed; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
+        if not self.settings.depth_weight:
+            return
+        free = self.state["measured_free"]
+        grid = fuse_depth(pixels, self.settings.cell / 2, self.settings.cell, FUSED_RAYS)
+        centers = (np.stack([*np.indices(free.shape)], axis=-1).reshape(-1, 3) + 0.5) / free.shape
+        clearance = grid(self.box.expand(centers)).reshape(free.shape)
+        free[...] = clearance > 0.9 * self.settings.cell  # beyond the corners of the cell; False for NaN
+        self.state["occupancy"][free == 1] = 0
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
@@ -65,10 +81,12 @@ class OccupancySampler:
         self.state["occupancy_steps"] += 1
         if step % self.settings.update_every == 0:
             density = self.state["occupancy"].reshape(-1)
-            if step < WARM_UP:
-                cells = np.arange(len(density))
+            if self.settings.depth_weight:
+                cells = np.flatnonzero(self.state["measured_free"].reshape(-1) == 0)
             else:
-                cells = rng.choice(len(density), len(density) // 8, replace=False)
+                cells = np.arange(len(density))
+            if step >= WARM_UP:
+                cells = rng.choice(cells, len(cells) // 8, replace=False)
             inside = np.stack(np.unravel_index(cells, self.state["occupancy"].shape), axis=1)
             x = (inside + rng.random(inside.shape)) / self.state["occupancy"].shape
             density *= np.float32(self.settings.decay)

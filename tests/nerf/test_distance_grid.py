@@ -1,0 +1,98 @@
+"""Distance grids of measured depth, and the bins that they place: a flat wall by hand, and a naive reference."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_cdt
+
+from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.nerf.distance_grid import DistanceGrid, fuse_depth
+from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.kernels.distance_grid import UNKNOWN, finish
+from autonerf_lab.nerf.pixel_sampler import PixelSampler
+from autonerf_lab.nerf.ray_batch import Rays
+from autonerf_lab.nerf.samplers.surface import SurfaceSampler
+from autonerf_lab.nerf.settings import SurfaceSettings
+
+WALL = 2.0  # metres in front of the cameras, which look along -z
+SETTINGS = SurfaceSettings(samples=12, evaluation_samples=16, near=0.05, far=6.0)
+
+
+def wall_pixels(hole: bool = False) -> PixelSampler:
+    """Return pixels of nine cameras that look at a wall at z = -2; with a hole, the left half of the depth is 0."""
+    camera = Intrinsics.from_fov(192, 192)
+    poses = np.tile(np.eye(4), (9, 1, 1))
+    poses[:, :2, 3] = [(x, y) for x in (-0.3, 0, 0.3) for y in (-0.3, 0, 0.3)]
+    depth = np.full((192, 192), WALL, np.float32)
+    if hole:
+        depth[:, :96] = 0
+    grey = [np.full((192, 192, 3), 128, np.uint8)] * 9
+    data = Dataset(poses, grey, [camera] * 9, None, [depth] * 9, [str(t) for t in range(9)], {}, True)
+    return PixelSampler(data, FieldFrame())
+
+
+@pytest.fixture(scope="module")
+def wall() -> DistanceGrid:
+    return fuse_depth(wall_pixels(), 0.03, 0.09, 10**6)
+
+
+def test_distances_of_a_wall(wall: DistanceGrid) -> None:
+    """On the axis of the middle camera the distance is 2 m minus the depth, up to half a voxel; then it saturates."""
+    depths = np.array([1.92, 1.95, 2.0, 2.05])
+    found = wall(np.stack([0 * depths, 0 * depths, -depths], axis=1))
+    np.testing.assert_allclose(found, WALL - depths, atol=0.03)
+    assert np.isnan(wall(np.array([[0, 0, -2.3]])))  # behind the wall nothing was measured
+    assert np.isnan(wall(np.array([[50.0, 0, 0]])))  # outside the grid
+    free = wall(np.array([[0, 0, -1.2]]))
+    assert 0.09 <= free <= 0.8  # a lower bound of the distance to the wall
+
+
+def test_free_distances_are_those_of_the_chessboard() -> None:
+    rng = np.random.default_rng(0)
+    value = np.where(rng.random((12, 9, 7)) < 0.02, 0.01, 0.09).astype(np.float32)
+    count = (rng.random(value.shape) > 0.01).astype(np.float32)
+    grid = np.empty(value.shape, np.int16)
+    finish(value * count, count, np.float32(0.03), np.float32(0.09), grid)
+    free = (count > 0) & (value > 0.05)
+    # Outside of the grid counts as not free, hence the border; a neighbour of a voxel that is not free has 90 mm.
+    steps = distance_transform_cdt(np.pad(free, 1), "chessboard")[1:-1, 1:-1, 1:-1]
+    np.testing.assert_array_equal(grid[free], (60 + 30 * steps)[free])
+    assert (grid[count == 0] == UNKNOWN).all() and (grid[(count > 0) & ~free] == 10).all()
+
+
+def test_bins_of_a_training_ray_end_behind_its_measurement() -> None:
+    sampler = SurfaceSampler(SETTINGS)
+    sampler.observe(wall_pixels())
+    toward = np.tile(np.float32([0, 0, -1]), (2, 1))
+    rays = Rays(np.zeros((2, 3), np.float32), toward, depth=np.float32([WALL, 1.0]))
+    samples = sampler.sample(rays, np.float32([0.5, 0.5]))
+    assert samples.starts.shape == (2, 12) and (samples.ends > samples.starts).all()
+    np.testing.assert_allclose(samples.starts[:, 0], 0.05)
+    np.testing.assert_allclose(samples.ends[:, -1], [WALL + 0.04, 1.04], atol=1e-5)
+    # The wall has 9 cm of the length with weight 1; 1.9 m of free space have weight 0.01 and what is near the wall 0.3.
+    around = (np.abs(samples.midpoints[0] - WALL) < 0.05).sum()
+    assert 9 <= around < 12
+
+
+def test_rays_of_new_views_find_the_surface() -> None:
+    sampler = SurfaceSampler(SETTINGS)
+    sampler.observe(wall_pixels())
+    rng = np.random.default_rng(0)
+    directions = np.array([0, 0, -1]) + rng.uniform(-0.4, 0.4, (50, 3)) * [1, 1, 0]
+    lengths = np.linalg.norm(directions, axis=1)
+    rays = Rays(np.zeros((50, 3), np.float32), (directions / lengths[:, None]).astype(np.float32))
+    samples = sampler.sample(rays, rng.random(50, dtype=np.float32))
+    surface = WALL * lengths
+    assert samples.starts.shape == (50, 16) and (samples.ends >= samples.starts).all()
+    assert (samples.ends[:, -1] > surface).all() and (samples.ends[:, -1] < surface + 0.3).all()
+    assert (np.abs(samples.midpoints - surface[:, None]) < 0.15).mean() > 0.7
+
+
+def test_a_ray_that_nothing_measured_is_divided_over_its_length() -> None:
+    sampler = SurfaceSampler(SETTINGS)
+    rays = Rays(np.zeros((1, 3), np.float32), np.float32([[1, 0, 0]]))
+    edges = sampler.sample(rays, np.float32([0.5]))
+    assert np.isfinite(edges.starts).all() and (edges.ends > edges.starts).all()
+    sampler.observe(wall_pixels(hole=True))
+    samples = sampler.sample(Rays(np.zeros((1, 3), np.float32), np.float32([[-0.3, 0, -0.954]])), np.float32([0.5]))
+    assert samples.ends[0, -1] > 2.2  # the hole may be behind the wall
