@@ -185,7 +185,9 @@ def _run_module(name: str, copy: Path, options: argparse.Namespace) -> dict[str,
             with store.open("a") as file:
                 file.write(json.dumps(asdict(result)) + "\n")
         target.write_text(path.read_text())
-    equivalent = set(re.findall(r"^\| `?([0-9a-f]{10})`? \|", SURVIVORS.read_text(), re.M)) if SURVIVORS.exists() else set()
+    equivalent = (
+        set(re.findall(r"^\| `?([0-9a-f]{10})`? \|", SURVIVORS.read_text(), re.M)) if SURVIVORS.exists() else set()
+    )
     counts = Counter(mutants=len(found), run=0, killed=0, survived=0, equivalent=0)
     for mutant in found:
         if mutant.id not in usable:
