@@ -282,10 +282,11 @@ def _operators() -> Iterator[tuple[str, Any]]:
     from parso.python.tree import Number
 
     class ScaleFloat(Operator):
-        """Multiply a float by a factor."""
+        """Multiply a float that is not zero by a factor."""
 
         def mutation_positions(self, node: Any) -> Iterator[tuple[Any, Any]]:
-            if isinstance(node, Number) and isinstance(ast.literal_eval(node.value), float):
+            value = ast.literal_eval(node.value) if isinstance(node, Number) else 0
+            if isinstance(value, float) and value:
                 yield from ((node.start_pos, node.end_pos) for _ in FACTORS)
 
         def mutate(self, node: Any, index: int) -> Any:

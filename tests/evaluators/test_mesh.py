@@ -174,7 +174,8 @@ def test_an_empty_field_gives_an_empty_mesh_and_scores_that_say_so(tmp_path):
 
     mesh = extract_mesh(Air(), voxel=0.1, bounds=BOUNDS)
     assert len(mesh.faces) == 0
-    assert set(evaluate_mesh(mesh, Air(), toy_scene.two_rooms()).status.values()) == {"empty mesh"}
+    result = evaluate_mesh(mesh, Air(), toy_scene.two_rooms())
+    assert set(result.status.values()) == {"empty mesh"} and set(result.n.values()) == {0}
     with pytest.raises(DataError, match="empty"):
         export_mesh(mesh, tmp_path / "air.ply")
 

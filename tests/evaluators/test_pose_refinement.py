@@ -82,6 +82,10 @@ def test_steps_of_adam_by_hand():
     assert not z.any() and (trace[:, 0, :3, :3] == np.eye(3)).all()
 
 
+def test_the_default_settings_are_those_of_the_protocol():
+    assert Refinement() == Refinement(iterations=200, rays=1024, lr=0.01, lr_final=0.0003, interest=False)
+
+
 def test_rays_of_an_iteration_are_pixels_of_their_target():
     """Each target has its own camera and colour; the colours are in [0, 1]."""
     camera = Intrinsics.from_fov(4, 4)
