@@ -185,9 +185,8 @@ def _run_module(name: str, copy: Path, options: argparse.Namespace) -> dict[str,
             with store.open("a") as file:
                 file.write(json.dumps(asdict(result)) + "\n")
         target.write_text(path.read_text())
-    equivalent = (
-        set(re.findall(r"^\| `?([0-9a-f]{10})`? \|", SURVIVORS.read_text(), re.M)) if SURVIVORS.exists() else set()
-    )
+    listed = SURVIVORS.read_text().partition("## Not equivalent")[0]
+    equivalent = set(re.findall(r"^\| `([0-9a-f]{10})` \|", listed, re.MULTILINE))
     counts = Counter(mutants=len(found), run=0, killed=0, survived=0, equivalent=0)
     for mutant in found:
         if mutant.id not in usable:

@@ -248,6 +248,16 @@ def test_patches_under_a_tenth_of_the_largest_are_noise(size, kept):
     assert object_ring(cells, passable, min_share=0.1)[1, 130] == kept
 
 
+@pytest.mark.parametrize(("size", "end"), [(10, 15), (11, 65)])
+def test_paths_do_not_lead_to_patches_that_are_noise(size, end):
+    """A single predicted cell in column 40, and a patch of ``size`` cells from column 90 on."""
+    truth, episodes = strip("." * 95 + "4" + "." * 24, 0)
+    labels = np.zeros(truth.grid.shape, np.uint8)
+    labels[1, [40, *range(90, 90 + size)]] = 4
+    (episode,) = plan_objects(np.ones(truth.grid.shape, bool), labels, truth, episodes)
+    assert episode.path[-1].tolist() == [1, end]
+
+
 @pytest.mark.parametrize(("gap", "joined"), [(3, True), (4, False)])
 def test_cells_of_a_patch_may_have_gaps(gap, joined):
     """Columns 0 to 10 and a single cell ``gap`` columns later: alone it would be noise."""
