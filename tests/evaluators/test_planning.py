@@ -1,6 +1,8 @@
 """Planning: paths and outcomes computed by hand, then perfect, empty and blocked maps."""
 
 import gc
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import toy_scene
 from hand_map import hand_map
 
 from autonerf_lab.classes import CLASS_NAMES, NUM_CLASSES
+from autonerf_lab.config import preset
 from autonerf_lab.evaluators import TrueField
 from autonerf_lab.evaluators.ground_truth import true_map
 from autonerf_lab.evaluators.maps import CellState, predict_states
@@ -15,6 +18,7 @@ from autonerf_lab.evaluators.planning import (
     MAX_OBSTACLE_CELLS,
     Episode,
     EpisodeSet,
+    PlanningTask,
     dilate_obstacles,
     evaluate_planning,
     object_ring,
@@ -265,6 +269,24 @@ def test_cells_of_a_patch_may_have_gaps(gap, joined):
     cells[0, :11] = cells[0, 10 + gap] = True
     ring = object_ring(cells, passable, min_share=0.1)
     assert ring[0].nonzero()[0].max() == (10 + gap if joined else 10) + 25
+
+
+def test_obstacle_cells_include_both_ends_of_a_path():
+    passable = np.ones((1, 3), bool)
+    passable[0, [0, 2]] = False
+    assert obstacle_cells(np.array([[0, 0], [0, 2]]), passable) == 2
+    assert obstacle_cells(np.array([[0, 2]]), passable) == 1
+
+
+def test_the_task_plans_on_the_map_of_the_field():
+    truth = hand_map(["." * 60] * 3, 0.1)
+    states = np.full(truth.grid.shape, CellState.FREE)
+    sizes = replace(preset("smoke"), planning_starts=7)
+    context = SimpleNamespace(truth=truth, states=states, labels=np.zeros_like(states), preset=sizes, seed=2)
+    result = PlanningTask().run(context)
+    assert result.artifact["truth"] is truth and result.artifact["free"].all()
+    assert result.artifact["episode_set"] is scene_episodes(truth, 7, seed=2)
+    assert result.n["pointgoal_success"] == len(result.artifact["points"]) == 7
 
 
 def test_ring_is_beside_the_object_and_small_patches_are_noise():
