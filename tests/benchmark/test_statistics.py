@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from autonerf_lab.benchmark.statistics import difference, interval
+from autonerf_lab.benchmark.statistics import Interval, difference, interval
 
 
 def test_interval_by_hand():
@@ -11,7 +11,16 @@ def test_interval_by_hand():
     assert found.mean == 4 and found.scenes == 3
     assert found.half_width == pytest.approx(4.303 * 2 / np.sqrt(3), abs=1e-3)  # t for 2 degrees of freedom
     assert not found.excludes_zero
-    assert np.isnan(interval({"a": [1.0]}).half_width)
+    single = interval({"a": [1.0]})
+    assert single.mean == 1 and np.isnan(single.half_width) and single.scenes == 1 and not single.excludes_zero
+    with pytest.raises(ValueError, match="at least one run"):
+        interval({})
+
+
+def test_an_interval_that_touches_zero_does_not_exclude_it():
+    """A mean of 1 and half a width of 1; one of -2 excludes zero."""
+    assert not Interval(1.0, 1.0, 2).excludes_zero and Interval(-2.0, 1.0, 2).excludes_zero
+    assert str(Interval(-2.04, 0.96, 2)) == "-2.0 ± 1.0"
 
 
 def test_paired_differences_remove_the_variation_between_scenes():
@@ -20,7 +29,10 @@ def test_paired_differences_remove_the_variation_between_scenes():
     found = difference(better, {"hard": hard, "easy": easy})
     assert found.mean == pytest.approx(1.05) and found.excludes_zero
     assert not interval(better).excludes_zero
-    with pytest.raises(ValueError, match="same scenes and starts"):
+    # Means of 1 and 1.1: standard error 0.05, t of one degree of freedom 12.71 (95 %) and 1 (50 %)
+    assert found.half_width == pytest.approx(12.706 * 0.05, abs=1e-4)
+    assert difference(better, {"hard": hard, "easy": easy}, level=0.5).half_width == pytest.approx(0.05)
+    with pytest.raises(ValueError, match=r"same scenes and starts, not {'hard': 2, 'easy': 2} and {'hard': 2}"):
         difference(better, {"hard": hard})
     with pytest.raises(ValueError, match="at least one run"):
         interval({"a": []})

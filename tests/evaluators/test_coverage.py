@@ -9,7 +9,9 @@ import toy_scene
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage, visible_map
 from autonerf_lab.geometry import Intrinsics, planar_pose
+from autonerf_lab.mapping import update
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.types import Observation
 
 POSES = 40
 
@@ -46,6 +48,29 @@ def test_one_room_does_not_cover_the_other(sim, visible):
     rotating = [planar_pose(2.0, 2.6 - 1.8, heading) for heading in np.linspace(np.pi / 2, 3 * np.pi / 2, 7)]
     shares = coverage(sim, trajectory_of(sim, rotating), visible)
     assert 20 < shares["area"][-1] < 60 and shares["semantics"][-1] < 60
+
+
+def test_cells_that_are_not_in_the_visible_map_do_not_count(sim, visible):
+    """A robot in room A, with its back to the doorway, maps none of the cells of room B."""
+    room_b = visible.origin[0] + (np.arange(len(visible.explored)) + 0.5) * visible.cell > 4.2
+    part = {name: getattr(visible, name) & room_b for name in QUANTITIES}
+    shares = coverage(sim, trajectory_of(sim, [planar_pose(2.0, 1.5, np.pi)] * 2), replace(visible, **part))
+    assert all(getattr(visible, name)[..., ~room_b].any() and part[name].any() for name in QUANTITIES)
+    for curve in shares.values():
+        assert curve.tolist() == [0, 0]
+
+
+def test_coverage_is_the_percentage_of_the_visible_cells(sim, visible):
+    """Compared with a map that is updated and counted here."""
+    poses = [planar_pose(2.0, 1.5, heading) for heading in (np.pi, 0.0)]
+    known = replace(visible, **{name: np.zeros_like(getattr(visible, name)) for name in (*QUANTITIES, "visited")})
+    curves = coverage(sim, trajectory_of(sim, poses), visible)
+    for t, pose in enumerate(poses):
+        frame = sim.render(pose)
+        known = update(known, Observation(frame.rgb, frame.depth, frame.semantics, pose), sim.intrinsics)
+        for name, curve in QUANTITIES.items():
+            total, seen = getattr(visible, name), getattr(known, name)
+            assert curves[curve][t] == pytest.approx(100 * (total & seen).sum() / total.sum())
 
 
 def test_coverage_uses_the_true_poses(sim, visible):

@@ -5,11 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import toy_scene
+from hand_map import hand_map
 
 from autonerf_lab.errors import SceneError
 from autonerf_lab.evaluators import TrueField
-from autonerf_lab.evaluators.ground_truth import MapGrid, TrueMap, true_map
-from autonerf_lab.evaluators.maps import CellState, free_scores, occupancy_scores, predict_states, share_within
+from autonerf_lab.evaluators.ground_truth import MapGrid, true_map
+from autonerf_lab.evaluators.maps import (
+    CellState,
+    band_levels,
+    free_scores,
+    occupancy_scores,
+    predict_states,
+    share_within,
+)
 from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_cells, semantic_scores
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.simulator import Simulator
@@ -30,14 +38,6 @@ def truth(sim):
 @pytest.fixture(scope="module")
 def field(sim):
     return TrueField(sim.scene, sim, views=300)
-
-
-def hand_map(rows: list[str], cell: float = 0.01) -> TrueMap:
-    """'#' occupied, '.' free, ' ' ignored, a digit: occupied by that class."""
-    letters = np.array([list(row) for row in rows])
-    occupied = (letters != ".") & (letters != " ")
-    semantics = np.stack([letters == str(k) for k in range(1, 16)])
-    return TrueMap(MapGrid(np.zeros(2), letters.shape, cell), occupied, occupied, letters == ".", semantics)
 
 
 HAND = hand_map(["     ", " ##  ", " #...", " #...", "     "])
@@ -69,6 +69,65 @@ def test_share_within_matches_a_naive_reference():
     cells, others = rng.integers(0, 60, (80, 2)), rng.integers(0, 60, (40, 2))
     naive = np.mean([min(np.hypot(*(c - o)) for o in others) <= 5 for c in cells])
     assert share_within(cells, others, 5) == pytest.approx(100 * naive)
+
+
+class Columns:
+    """One map cell per entry: a voxel at ``height`` of the cell has this density, the rest is air."""
+
+    def __init__(self, density, height=0.5, seen_at=None):
+        self.column, self.height, self.seen_at = np.array(density), height, seen_at
+
+    def density(self, points):
+        there = np.abs(points[:, 2] - self.height) < 0.015
+        return np.where(there, self.column[points[:, 0].astype(int)], 0)
+
+    def seen(self, points):
+        return np.ones(len(points), bool) if self.seen_at is None else np.abs(points[:, 2] - self.seen_at) < 0.015
+
+
+def test_a_cell_is_occupied_from_an_opacity_of_nine_tenths():
+    """1 - exp(-0.1 sigma) is 0.5 for 6.93 per metre, 0.89 for 22.07, 0.9 for 23.03 and 0.91 for 24.08."""
+    grid = MapGrid(np.zeros(2), (1, 4), 1.0)
+    assert predict_states(Columns([0, 6.94, 22.07, 24.08]), grid).tolist() == [[F, F, F, O]]
+    assert predict_states(Columns([0, 6.92, 6.94, 24.08]), grid, threshold=0.5).tolist() == [[F, F, O, O]]
+
+
+def test_the_height_band_has_26_voxels_of_3_cm():
+    levels = band_levels()
+    assert levels == pytest.approx(0.115 + 0.03 * np.arange(26)) and levels[-1] == pytest.approx(0.865)
+    for height, state in ((0.08, F), (0.115, O), (0.145, O), (0.865, O), (0.895, F)):
+        assert predict_states(Columns([100.0], height), MapGrid(np.zeros(2), (1, 1), 1.0)).item() == state
+
+
+def test_a_cell_is_known_if_a_view_saw_it_at_every_second_level():
+    for height, state in ((0.115, F), (0.145, U), (0.175, F), (0.835, F), (0.865, U)):
+        field = Columns([0.0], seen_at=height)
+        assert predict_states(field, MapGrid(np.zeros(2), (1, 1), 1.0)).item() == state
+
+
+def test_unseen_cells_are_unknown_even_if_they_are_opaque():
+    class Half(Columns):
+        def seen(self, points):
+            return points[:, 0] < 2
+
+    assert predict_states(Half([0.0, 100, 0, 100]), MapGrid(np.zeros(2), (1, 4), 1.0)).tolist() == [[F, O, U, U]]
+
+
+def test_large_maps_are_computed_in_parts(monkeypatch):
+    from autonerf_lab.evaluators import maps
+
+    grid, field = MapGrid(np.zeros(2), (3, 4), 1.0), Columns([0.0, 100, 0, 100])
+    monkeypatch.setattr(maps, "_SLAB", 5)  # parts of 5, 5 and 2 of the 12 cells
+    assert predict_states(field, grid).tolist() == [[F, O, F, O]] * 3
+
+
+def test_the_tolerance_of_occupied_cells_is_5_cm():
+    """Three predicted cells, 5 and 6 cells of 1 cm from the true cell; the last is not scored."""
+    truth = hand_map(["#........     "])
+    states = np.array([[F, F, F, F, F, O, O, F, F, F, F, F, F, O]])
+    assert occupancy_scores(states, truth) == {"occupancy_precision": 50.0, "occupancy_recall": 100.0}
+    unscored = np.array([[F] * 9 + [O] * 5])
+    assert occupancy_scores(unscored, truth) == {"occupancy_precision": None, "occupancy_recall": 0.0}
 
 
 def test_semantic_scores_by_hand():

@@ -21,7 +21,6 @@ from autonerf_lab.evaluators import (
     oracle_scores,
     semantic_mesh,
 )
-from autonerf_lab.evaluators.mesh import SURFACE_OPACITY
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh, nearest_on, sample_surface
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.frame import FieldFrame
@@ -38,7 +37,7 @@ class Ball:
 
     def density(self, points):
         # The opacity of 10 cm rises evenly through the threshold, on the sphere itself: there smoothing changes nothing
-        opacity = np.clip(SURFACE_OPACITY - 4 * (np.linalg.norm(points, axis=1) - 0.6), 0, 0.999)
+        opacity = np.clip(0.6 - 4 * (np.linalg.norm(points, axis=1) - 0.6), 0, 0.999)
         return (-10 * np.log(1 - opacity)).astype(np.float32)
 
     def seen(self, points):
@@ -175,7 +174,8 @@ def test_an_empty_field_gives_an_empty_mesh_and_scores_that_say_so(tmp_path):
 
     mesh = extract_mesh(Air(), voxel=0.1, bounds=BOUNDS)
     assert len(mesh.faces) == 0
-    assert set(evaluate_mesh(mesh, Air(), toy_scene.two_rooms()).status.values()) == {"empty mesh"}
+    result = evaluate_mesh(mesh, Air(), toy_scene.two_rooms())
+    assert set(result.status.values()) == {"empty mesh"} and set(result.n.values()) == {0}
     with pytest.raises(DataError, match="empty"):
         export_mesh(mesh, tmp_path / "air.ply")
 
@@ -202,6 +202,64 @@ def test_samples_are_uniform_and_distances_exact():
     distance, which = nearest_on(np.array([[0.2, 0.2, 0.3], [-1, 0, 5]]), triangles, points, face)
     np.testing.assert_allclose(distance, [0.3, 1.0], atol=1e-12)
     assert which.tolist() == [0, 1]
+
+
+class Square:
+    """A scene of one square of side 1 m at z = 0."""
+
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def square(x=(0.0, 1.0), z=0.0, slope=0.0):
+    """Return a square as a mesh: its range of x, its height at x = 0, and its slope along x."""
+    a, b = x
+    height = [z + slope * a, z + slope * b, z + slope * b, z + slope * a]
+    corners = np.column_stack([[a, b, b, a], [0, 0, 1, 1], height])
+    return trimesh.Trimesh(corners, Square.faces, process=False)
+
+
+@pytest.mark.parametrize(("height", "ratio"), [(0.03, 100.0), (0.0499, 100.0), (0.0501, 0.0)])
+def test_metrics_of_a_raised_square_by_hand(height, ratio):
+    result = evaluate_mesh(square(z=height), Ball(), Square, samples=50)
+    for suffix in ("", "_all"):
+        assert result.values["completion_m" + suffix] == pytest.approx(height)
+        assert result.values["completion_ratio" + suffix] == ratio
+        assert result.values["normal_consistency" + suffix] == pytest.approx(1)
+    assert result.values["accuracy_m"] == pytest.approx(height) and result.artifact["limit"] == 0.1
+    assert set(result.n.values()) == {50} and result.status == {} and len(result.artifact["points"]) == 50
+
+
+def test_normal_consistency_is_the_cosine_of_the_angle():
+    """A slope of 0.75 has the normal (-0.6, 0, 0.8); either orientation counts."""
+    for mesh in (square(slope=0.75), square(slope=-0.75)):
+        assert evaluate_mesh(mesh, Ball(), Square, samples=50).values["normal_consistency"] == pytest.approx(0.8)
+    mesh = square(slope=0.75)
+    mesh.invert()
+    assert evaluate_mesh(mesh, Ball(), Square, samples=50).values["normal_consistency"] == pytest.approx(0.8)
+
+
+def test_completion_is_over_what_was_seen_and_over_everything():
+    """Half of the square is reconstructed. Distances to it rise from 0 to 0.5 m over the other half: mean 1/8."""
+
+    class Near(Ball):
+        def seen(self, points):
+            return points[:, 0] < 0.5
+
+    values = (result := evaluate_mesh(square(x=(0.0, 0.5)), Near(), Square, samples=20_000)).values
+    assert values["completion_m"] == pytest.approx(0, abs=1e-6) and values["completion_ratio"] == 100
+    assert values["completion_m_all"] == pytest.approx(1 / 8, abs=0.005)
+    assert values["completion_ratio_all"] == pytest.approx(55, abs=1)  # 50 cm and the next 5 cm
+    assert values["accuracy_m"] == pytest.approx(0, abs=1e-6)
+    assert result.n["completion_m"] == pytest.approx(10_000, abs=300) and result.n["completion_m_all"] == 20_000
+
+    class Blind(Ball):
+        def seen(self, points):
+            return np.zeros(len(points), bool)
+
+    blind = evaluate_mesh(square(), Blind(), Square, samples=20)
+    missing = {"completion_m", "completion_ratio", "normal_consistency"}
+    assert blind.status == dict.fromkeys(missing, "nothing seen") and blind.values["completion_ratio_all"] == 100
 
 
 def test_distances_of_a_translated_mesh():

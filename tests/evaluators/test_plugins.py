@@ -1,13 +1,10 @@
 """Tasks of installed packages: found by name, scored, reported; a broken one is left out."""
 
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import toy_scene
-from installed_plugins import Site
+from installed_plugins import Site, install_example, run_example_tests
 
 from autonerf_lab.config import preset
 from autonerf_lab.errors import UnknownNameError
@@ -21,7 +18,6 @@ from autonerf_lab.pipeline.run_folder import RunConfig, open_run
 from autonerf_lab.types import Score
 from autonerf_lab.utils.plugins import PluginWarning
 
-EXAMPLE = Path(__file__).parents[2] / "examples/evaluator_plugin"
 GOOD = """
 from autonerf_lab.evaluators import Metric, Task, TaskResult
 class Good(Task):
@@ -54,13 +50,6 @@ class Toy(Task):
         return TaskResult(self.values, {"value": 3})
 
 
-@pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Site:
-    (tmp_path / "site").mkdir()
-    monkeypatch.syspath_prepend(tmp_path / "site")
-    return Site(tmp_path / "site")
-
-
 @pytest.fixture(scope="module")
 def context() -> EvaluationContext:
     scene = toy_scene.two_rooms()
@@ -68,10 +57,7 @@ def context() -> EvaluationContext:
 
 
 def test_the_example_is_scored_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.copytree(EXAMPLE, tmp_path / "source", ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"))
-    pip = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--no-index"]
-    target = tmp_path / "target"
-    subprocess.run([*pip, "--target", target, tmp_path / "source"], check=True, capture_output=True)
+    target = install_example("evaluator_plugin", tmp_path)
     monkeypatch.syspath_prepend(target)
     assert list(available()) == [*TASKS, "depth_by_distance"] and "depth_by_distance" in optional_tasks()
 
@@ -89,15 +75,7 @@ def test_the_example_is_scored_and_reported(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_the_test_of_the_example_passes(tmp_path: Path) -> None:
-    shutil.copytree(EXAMPLE, tmp_path / "source", ignore=shutil.ignore_patterns("__pycache__"))
-    result = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:dash", tmp_path / "source"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.returncode == 0 and "1 passed" in result.stdout, result.stdout
+    assert "1 passed" in run_example_tests("evaluator_plugin", tmp_path)
 
 
 @pytest.mark.parametrize("kind", BROKEN)

@@ -1,4 +1,4 @@
-"""Rendering and pose refinement: metrics compared with other libraries, gradients with finite differences."""
+"""Rendering: metrics computed by hand and compared with other libraries."""
 
 import numpy as np
 import pytest
@@ -14,18 +14,9 @@ from torchmetrics.functional.image import peak_signal_noise_ratio, structural_si
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.data.trajectory import Trajectory
-from autonerf_lab.evaluators import NearestView, TrueField
-from autonerf_lab.evaluators.pose_refinement import (
-    Refinement,
-    evaluate_pose_refinement,
-    interest_regions,
-    move,
-    perturb,
-    pose_errors,
-    pose_gradients,
-    refine,
-)
+from autonerf_lab.evaluators import NearestView, Rendering, TrueField
 from autonerf_lab.evaluators.rendering import (
+    TargetView,
     class_scores,
     confusion_matrix,
     evaluate_rendering,
@@ -35,7 +26,7 @@ from autonerf_lab.evaluators.rendering import (
     simulated_views,
     ssim,
 )
-from autonerf_lab.geometry import Intrinsics, planar_pose, so3_exp
+from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.simulator import Simulator
 
 
@@ -69,6 +60,106 @@ def test_psnr_and_ssim_agree_with_torchmetrics_and_scikit_image(pair):
     # The oracle leaves out a border of half a window on each side, as this one does
     oracle = structural_similarity_index_measure(_torch(image), _torch(target), sigma=1.5, data_range=1.0)
     assert ssim(image, target) == pytest.approx(float(oracle), abs=2e-3)
+
+
+def test_ssim_of_one_window_by_the_formula(pair):
+    """In an image of 11 x 11 pixels, the window of Wang et al. fits once, around the middle pixel."""
+    image, target = (a[20:31, 10:21].astype(np.float64) for a in pair)
+    g = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
+    window = (g[:, None] * g / g.sum() ** 2)[..., None]
+    mx, my = (window * image).sum(axis=(0, 1)), (window * target).sum(axis=(0, 1))
+    vx, vy = (window * (image - mx) ** 2).sum(axis=(0, 1)), (window * (target - my) ** 2).sum(axis=(0, 1))
+    vxy = (window * (image - mx) * (target - my)).sum(axis=(0, 1))
+    c1, c2 = 0.01**2, 0.03**2
+    by_hand = (2 * mx * my + c1) * (2 * vxy + c2) / ((mx**2 + my**2 + c1) * (vx + vy + c2))
+    assert 0.2 < by_hand.mean() < 0.95
+    assert ssim(image, target) == pytest.approx(by_hand.mean(), abs=1e-5)
+
+
+class Fixed:
+    """A field that renders the given images, one after the other."""
+
+    def __init__(self, *images):
+        self.images = list(images)
+
+    def render(self, c2w, intrinsics):
+        return self.images.pop(0)
+
+
+def flat_view(depth, color=128, semantics=None, size=12):
+    """Return a target of one colour with a (size, size) depth image of the given values, repeated."""
+    rgb = np.full((size, size, 3), color, np.uint8)
+    depths = None if depth is None else np.resize(np.float32(depth), (size, size))
+    return TargetView(np.eye(4), Intrinsics.from_fov(size, size), rgb, depths, semantics)
+
+
+def flat_image(depth, color=128 / 255, semantics=None, size=12):
+    rgb = np.full((size, size, 3), color, np.float32)
+    return Rendering(rgb, np.resize(np.float32(depth), (size, size)), semantics, np.ones((size, size), np.float32))
+
+
+def test_the_depth_error_is_the_median_of_absolute_errors():
+    """Errors of -0.3, -0.2, +0.1 and -0.4 m, and a pixel without a true surface: median of 0.1, 0.2, 0.3 and 0.4 m."""
+    true, rendered = [2.0, 2.0, 2.0, 2.0, 0.0, 0.0], [1.7, 1.8, 2.1, 1.6, 9.0, 9.0]
+    result = evaluate_rendering(Fixed(flat_image(rendered)), [flat_view(true)])
+    assert result.values["depth_median_error_m"] == pytest.approx(0.25)
+    # A second view adds as many errors of 0.5 m: the median is over the pixels of all views.
+    images, views = [flat_image(rendered), flat_image([2.5])], [flat_view(true), flat_view([2.0])]
+    assert evaluate_rendering(Fixed(*images), views).values["depth_median_error_m"] == pytest.approx(0.5)
+
+
+def test_image_scores_are_means_over_the_views():
+    """Errors of 1/10 and 1/100 of full scale: 20 and 40 dB, mean 30 dB."""
+    images = [flat_image([1.0], 0.4 + 0.1), flat_image([1.0], 0.4 + 0.01)]
+    ticks = []
+    result = evaluate_rendering(Fixed(*images), [flat_view([1.0], 102)] * 2, lambda: ticks.append(0))  # 102 / 255 = 0.4
+    assert result.values["psnr"] == pytest.approx(30, abs=1e-3) and len(ticks) == 2
+    assert result.artifact["psnr"] == pytest.approx([20, 40], abs=1e-3)
+    assert set(result.n.values()) == {2} and result.artifact["poses"].shape == (2, 4, 4)
+    shown = result.artifact["images"][0]
+    assert (shown["rgb"] == 128).all() and (shown["true_rgb"] == 102).all() and shown["semantics"] is None
+
+
+def test_values_that_are_missing_have_a_status():
+    """Images of 10 pixels, without surfaces and labels."""
+    result = evaluate_rendering(Fixed(flat_image([1.0], size=10)), [flat_view([0.0], size=10)])
+    objects = dict.fromkeys(("per_class_accuracy", "miou", "miou_objects"), "no labels")
+    assert result.status == objects | {
+        "ssim": "images under 11 pixels",
+        "lpips": "weights_missing",
+        "depth_median_error_m": "no surface in the test images",
+    }
+    assert {name for name, value in result.values.items() if value is None} == set(result.status)
+    background = np.zeros((11, 11), np.uint8)
+    result = evaluate_rendering(
+        Fixed(flat_image([1.0], semantics=background, size=11)), [flat_view(None, semantics=background, size=11)]
+    )
+    assert result.values["ssim"] == pytest.approx(1) and result.status["miou_objects"] == "no object in the test images"
+    assert result.values["miou"] == 100 and result.values["depth_median_error_m"] is None
+
+
+def test_lpips_is_computed_if_its_weights_are_given():
+    result = evaluate_rendering(
+        Fixed(flat_image([1.0], size=64), flat_image([1.0], size=64)),
+        [flat_view([1.0], size=64)] * 2,
+        lpips=lambda image, target: float(image.shape[0]) / 128,
+    )
+    assert result.values["lpips"] == 0.5 and "lpips" not in result.status
+    result = evaluate_rendering(Fixed(flat_image([1.0], size=11)), [flat_view([1.0], size=11)], lpips=lambda a, b: 1.0)
+    assert result.values["lpips"] is None and result.status["lpips"].startswith("images under")
+
+
+def test_images_of_the_first_twelve_views_are_stored():
+    result = evaluate_rendering(Fixed(*[flat_image([1.0])] * 13), [flat_view([1.0])] * 13)
+    assert len(result.artifact["images"]) == 12 and len(result.artifact["psnr"]) == 13
+
+
+def test_colours_that_are_not_finite_or_out_of_range_are_clipped():
+    broken = flat_image([1.0], np.nan)
+    broken.rgb[:6] = 7.0
+    result = evaluate_rendering(Fixed(broken), [flat_view([1.0], 255)])
+    # Half of the pixels are white as the target, half black: MSE 0.5
+    assert result.values["psnr"] == pytest.approx(-10 * np.log10(0.5))
 
 
 def test_flip_is_zero_for_equal_images_and_grows(pair):
@@ -141,142 +232,3 @@ def test_nearest_view_shows_the_nearest_training_image(sim):
     image = view.render(poses[1], sim.intrinsics)
     np.testing.assert_array_equal(np.round(image.rgb * 255), frames[1].rgb)
     np.testing.assert_array_equal(image.depth, frames[1].depth)
-
-
-class Pattern:
-    """A field whose rays have a smooth colour of origin and direction, with exact gradients."""
-
-    def __init__(self):
-        rng = np.random.default_rng(5)
-        self.a, self.b = rng.normal(size=(2, 3, 3))
-
-    def colors(self, rays_o, rays_d):
-        return 0.5 + 0.4 * np.sin(rays_o @ self.a + rays_d @ self.b)
-
-    def ray_gradients(self, rays_o, rays_d, target):
-        rays_o, rays_d = rays_o.astype(np.float64), rays_d.astype(np.float64)
-        error = self.colors(rays_o, rays_d) - target
-        slope = 2 / 3 * error * 0.4 * np.cos(rays_o @ self.a + rays_d @ self.b)
-        return (error**2).mean(axis=1), slope @ self.a.T, slope @ self.b.T
-
-    def render(self, c2w, intrinsics):
-        from autonerf_lab.evaluators import Rendering
-        from autonerf_lab.geometry import camera_rays
-
-        rgb = self.colors(*camera_rays(intrinsics, c2w))
-        nothing = np.zeros(rgb.shape[:2])
-        return Rendering(rgb, nothing, nothing, nothing)
-
-
-def test_pose_gradients_match_finite_differences():
-    rng = np.random.default_rng(1)
-    pattern, directions = Pattern(), rng.normal(size=(2, 40, 3))
-    poses = np.stack([np.eye(4), np.eye(4)])
-    poses[:, :3, :3] = [so3_exp(v) for v in rng.normal(size=(2, 3))]
-    poses[:, :3, 3] = rng.normal(size=(2, 3))
-    target = rng.random((2, 40, 3))
-
-    def loss(poses):
-        rays_d = directions @ poses[:, :3, :3].transpose(0, 2, 1)
-        rays_o = np.broadcast_to(poses[:, None, :3, 3], rays_d.shape)
-        flat = (a.reshape(-1, 3) for a in (rays_o, rays_d, target))
-        return [a.reshape(2, 40, -1) for a in pattern.ray_gradients(*flat)]
-
-    _, grad_o, grad_d = loss(poses)
-    gradient = pose_gradients(directions, poses[:, :3, :3], grad_o, grad_d)
-    for axis in range(6):
-        step = np.zeros((2, 6))
-        step[:, axis] = 1e-5
-        difference = (loss(move(poses, step))[0].sum(axis=(1, 2)) - loss(move(poses, -step))[0].sum(axis=(1, 2))) / 2e-5
-        np.testing.assert_allclose(gradient[:, axis], difference, rtol=1e-5, atol=1e-7)
-
-
-def test_perturbation_is_about_the_camera_itself():
-    rng = np.random.default_rng(0)
-    far = planar_pose(80, -60, 1.0)
-    rotation, translation = pose_errors(np.stack([perturb(far, rng) for _ in range(5)]), np.stack([far] * 5))
-    np.testing.assert_allclose(rotation, 5, atol=1e-6)
-    np.testing.assert_allclose(translation, 0.05, atol=1e-9)
-
-
-def test_cameras_converge_in_a_smooth_field():
-    pattern, intrinsics = Pattern(), Intrinsics.from_fov(16, 16)
-    truth = np.stack([planar_pose(0.1 * k, 0.2, k) for k in range(4)])
-    targets = np.round(255 * np.stack([pattern.render(c2w, intrinsics).rgb for c2w in truth])).astype(np.uint8)
-    result = evaluate_pose_refinement(pattern, truth, targets, intrinsics, Refinement(150, 128))
-    assert result.values["rotation_convergence_rate"] == 100.0
-    assert result.artifact["losses"][-20:].mean() < 0.1 * result.artifact["losses"][:3].mean()
-
-
-def test_the_true_geometry_converges(sim, field):
-    poses = sample_test_poses(sim, 4, seed=0)
-    targets = np.stack([sim.render(c2w).rgb for c2w in poses])
-    result = evaluate_pose_refinement(field, poses, targets, sim.intrinsics, Refinement(150, 512))
-    assert result.values["convergence_rate"] >= 75
-    assert result.values["rotation_error_deg"] < 0.5 and result.values["translation_error_m"] < 0.015
-
-
-def test_pixels_are_drawn_from_interest_regions(sim):
-    """Rays are sampled around edges only."""
-    targets_seen = []
-
-    class Listening(Grey):
-        def ray_gradients(self, rays_o, rays_d, target):
-            targets_seen.append(target)
-            return super().ray_gradients(rays_o, rays_d, target)
-
-    picture = np.zeros((2, 16, 16, 3), np.uint8)
-    picture[0, 4:7, 9:12] = 255
-    camera, start = Intrinsics.from_fov(16, 16), np.stack([np.eye(4)] * 2)
-    for interest in (True, False):
-        refine(Listening(), start, picture, camera, Refinement(1, 2000, interest=interest))
-    white = [target.reshape(2, -1, 3).mean(axis=(1, 2)) for target in targets_seen]
-    region = interest_regions(picture[0])
-    assert region[3:8, 8:13].all() and not region[:, :5].any() and not region[11:].any()
-    assert white[0][0] == pytest.approx(9 / region.sum(), abs=0.03) and white[1][0] == pytest.approx(9 / 256, abs=0.02)
-    assert interest_regions(picture[1]).all() and white[0][1] == 0
-
-
-class Grey(Pattern):
-    def ray_gradients(self, rays_o, rays_d, target):
-        return np.full(len(rays_o), 0.1), np.zeros_like(rays_o), np.zeros_like(rays_d)
-
-
-def test_an_empty_field_moves_no_camera(sim):
-    poses = sample_test_poses(sim, 2, seed=0)
-    targets = np.stack([sim.render(c2w).rgb for c2w in poses])
-    result = evaluate_pose_refinement(Grey(), poses, targets, sim.intrinsics, Refinement(5, 16))
-    assert result.values["convergence_rate"] == 0.0
-    assert result.values["rotation_error_deg"] is None and result.status["rotation_error_deg"] == "none converged"
-
-
-def test_a_nan_gradient_stops_only_its_pose():
-    class Broken(Pattern):
-        def ray_gradients(self, rays_o, rays_d, target):
-            loss, grad_o, grad_d = super().ray_gradients(rays_o, rays_d, target)
-            grad_d[: len(grad_d) // 2] = np.nan
-            return loss, grad_o, grad_d
-
-    starts = np.stack([np.eye(4), np.eye(4)])
-    trace, _ = refine(Broken(), starts, np.zeros((2, 8, 8, 3), np.uint8), Intrinsics.from_fov(8, 8), Refinement(5, 16))
-    np.testing.assert_array_equal(trace[-1, 0], np.eye(4))
-    assert not np.allclose(trace[-1, 1], np.eye(4))
-
-
-def test_a_gradient_that_becomes_nan_stops_its_pose():
-    """The moments of Adam must not move the pose."""
-
-    class Breaking(Pattern):
-        calls = 0
-
-        def ray_gradients(self, rays_o, rays_d, target):
-            loss, grad_o, grad_d = super().ray_gradients(rays_o, rays_d, target)
-            self.calls += 1
-            if self.calls > 3:
-                grad_o[:16] = np.nan
-            return loss, grad_o, grad_d
-
-    starts, camera = np.stack([np.eye(4), np.eye(4)]), Intrinsics.from_fov(8, 8)
-    trace, _ = refine(Breaking(), starts, np.zeros((2, 8, 8, 3), np.uint8), camera, Refinement(8, 16))
-    assert not np.allclose(trace[3, 0], np.eye(4)) and not np.allclose(trace[3, 1], trace[-1, 1])
-    np.testing.assert_array_equal(trace[3:, 0], np.stack([trace[3, 0]] * 6))

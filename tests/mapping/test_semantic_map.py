@@ -53,6 +53,32 @@ def test_cells_of_one_depth_measurement(depth, up, explored, occupied):
     assert after.occupied[cell] == occupied and after.semantics[2][cell] == occupied
 
 
+def test_a_pixel_is_projected_with_both_focal_lengths_and_the_principal_point():
+    """Pixel (row 3, column 5) of a camera at (0.01, 0.01, 0.88), looking along +x, its right is -y.
+
+    Right by 2 * (5.5 - 3) / 10 = 0.5 m and down by 2 * (3.5 - 2) / 20 = 0.15 m: an obstacle at (2.01, -0.49, 0.73).
+    """
+    depths, labels = np.zeros((6, 8), np.float32), np.zeros((6, 8), np.uint8)
+    depths[3, 5], labels[3, 5] = 2.0, 15
+    camera = Intrinsics(8, 6, 10.0, 20.0, 3.0, 2.0)
+    seen = Observation(np.zeros((6, 8, 3), np.uint8), depths, labels, planar_pose(0.01, 0.01, 0.0))
+    after = update(empty_map(seen.pose), seen, camera)
+    assert np.argwhere(after.occupied).tolist() == [list(_at(after, 2.01, -0.49))]
+    assert np.argwhere(after.semantics)[:, 0].tolist() == [14]
+
+
+@pytest.mark.parametrize("heading", [0.0, np.pi / 2, np.pi, -np.pi / 2])
+def test_a_view_over_the_border_of_the_map_does_not_reach_its_other_side(heading):
+    """A map of 1 m around the robot, which sees 1.5 m or more: the cells behind it stay unknown."""
+    sim = Simulator(empty_room(), CAMERA, rgb=False)
+    observation = _observe(sim, 2.0, 1.5, heading)
+    after = update(empty_map(observation.pose, size=20), observation, CAMERA)
+    ahead = np.round([np.cos(heading), np.sin(heading)]).astype(int)
+    edges = {(1, 0): np.s_[:, 0], (-1, 0): np.s_[:, -1], (0, 1): np.s_[0], (0, -1): np.s_[-1]}
+    behind, front = after.explored[edges[tuple(ahead)]], after.explored[edges[tuple(-ahead)]]
+    assert front.any() and not behind.any()
+
+
 def test_ground_is_explored_up_to_the_wall():
     camera = Intrinsics.from_fov(128, 128)
     sim = Simulator(empty_room(), camera, rgb=False)

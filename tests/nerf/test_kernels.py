@@ -9,7 +9,7 @@ import torch
 from autonerf_lab.nerf.fields.hash_field import HashField
 from autonerf_lab.nerf.fields.torch_field import RenderedTensors
 from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
-from autonerf_lab.nerf.kernels import dense
+from autonerf_lab.nerf.kernels import dense, volume_rendering
 from autonerf_lab.nerf.kernels.volume_rendering import LOG_SIGMA_START, SurfaceProfile, surface_error
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import semantic_nerfacto
@@ -200,6 +200,20 @@ def test_any_number_of_rays_is_accepted() -> None:
     output = kernels.field.train(rays, samples, targets, np.random.default_rng(3), True)
     assert output.weights.shape == samples.starts.shape and output.d_origins is not None
     assert output.d_origins.shape == (37, 3) and kernels.field.render(rays, samples).color.shape == (37, 3)
+
+
+def test_the_distortion_of_two_bins_by_hand() -> None:
+    """Bins [0, 1] and [2, 4] m with the weights 0.5 and 0.25; distances are halved up to ``turn`` = 4 m: s = t / 8.
+
+    Midpoints 1/16 and 6/16: 2 * 0.5 * 0.25 * 5/16 between the bins, and (0.5**2 / 8 + 0.25**2 / 4) / 3 inside of them.
+    The gradient of w_i is 2 * (w_j * 5/16 + w_i * width_i / 3).
+    """
+    starts, ends, weights = (np.float32(a) for a in ([0, 2], [1, 4], [0.5, 0.25]))
+    d_weights = np.float32([10, 20])
+    loss = volume_rendering.distortion(starts, ends, weights, np.float32(4), np.float32(3), d_weights)
+    assert loss == pytest.approx(0.25 * 5 / 16 + (0.25 / 8 + 0.0625 / 4) / 3)
+    added = [2 * (0.25 * 5 / 16 + 0.5 / 8 / 3), 2 * (0.5 * 5 / 16 + 0.25 / 4 / 3)]
+    assert d_weights == pytest.approx([10 + 3 * added[0], 20 + 3 * added[1]])
 
 
 def test_a_custom_loss_extends_the_loss_of_the_field() -> None:

@@ -3,7 +3,7 @@ import pytest
 
 from autonerf_lab.geometry import planar_pose
 from autonerf_lab.mapping import empty_map
-from autonerf_lab.planning import LocalPolicy, descend, dilate, path_length, travel_distance
+from autonerf_lab.planning import LocalPolicy, descend, dilate, path_length, travel_distance, weighted_success
 from autonerf_lab.types import Action
 
 MAZE = """
@@ -65,8 +65,15 @@ def test_stopping_early_does_not_change_the_reached_cells():
     early = travel_distance(free, np.array([[5, 5]]), stop_at=(20, 30))
     assert np.isfinite(full[20, 30])
     reached = np.isfinite(early)
+    assert reached[20, 30]
     np.testing.assert_array_equal(early[reached], full[reached])
     assert (full[reached] <= full[20, 30]).all() and not reached.all()
+
+
+def test_weighted_success_by_hand():
+    """A path of 4 m where 3 m are possible; one measured shorter than possible; a goal at the start; a failure."""
+    cases = [(True, 4.0, 3.0), (True, 2.9, 3.0), (True, 0.0, 0.0), (False, 1.0, 1.0)]
+    assert [weighted_success(*case) for case in cases] == [0.75, 1.0, 1.0, 0.0]
 
 
 def test_the_goal_may_be_a_mask_and_blocked_goals_are_ignored():

@@ -1,14 +1,10 @@
 """Policies of installed packages and importable classes; a broken plug-in is skipped."""
 
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from installed_plugins import Site
+from installed_plugins import Site, install_example, run_command, run_example_tests
 from toy_scene import empty_room
 
 from autonerf_lab.errors import DataError, UnknownNameError, WrongTypeError
@@ -19,7 +15,6 @@ from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action
 from autonerf_lab.utils.plugins import PluginWarning, strict
 
-EXAMPLE = Path(__file__).parents[2] / "examples/policy_plugin"
 POLICY = """
 class policy:
     waypoint = None
@@ -51,10 +46,7 @@ def install(site: Site, package: str, name: str, code: str) -> None:
 
 
 def test_the_example_is_installed_and_used_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.copytree(EXAMPLE, tmp_path / "source", ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"))
-    pip = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--no-index"]
-    target = tmp_path / "target"
-    subprocess.run([*pip, "--target", target, tmp_path / "source"], check=True, capture_output=True)
+    target = install_example("policy_plugin", tmp_path)
     monkeypatch.syspath_prepend(target)
     with strict():
         assert list(available()) == [*POLICIES, "bounce"]
@@ -64,28 +56,12 @@ def test_the_example_is_installed_and_used_by_name(tmp_path: Path, monkeypatch: 
     by_path = explore(sim, "bounce:Bounce", steps=60, progress=False)
     assert by_path.meta["actions"] == trajectory.meta["actions"]
 
-    path = os.pathsep.join([str(target), os.environ["PYTHONPATH"]])
-    command = ["explore", "--policy", "bounce", "--preset", "smoke", "--out", str(tmp_path / "run")]
-    result = subprocess.run(
-        [sys.executable, "-m", "autonerf_lab.cli", *command],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    result = run_command(target, "explore", "--policy", "bounce", "--preset", "smoke", "--out", str(tmp_path / "run"))
     assert result.returncode == 0, result.stderr
 
 
 def test_the_test_of_the_example_passes(tmp_path: Path) -> None:
-    shutil.copytree(EXAMPLE, tmp_path / "source", ignore=shutil.ignore_patterns("__pycache__"))
-    result = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:dash", tmp_path / "source"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.returncode == 0 and "2 passed" in result.stdout, result.stdout
+    assert "2 passed" in run_example_tests("policy_plugin", tmp_path)
 
 
 @pytest.mark.parametrize("kind", BROKEN)

@@ -1,21 +1,16 @@
 """Rewards of installed packages: found by name; a broken one is skipped."""
 
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
-from installed_plugins import Site
+from installed_plugins import Site, install_example, run_command, run_example_tests
 
 from autonerf_lab.errors import RewardError, UnknownNameError
 from autonerf_lab.rewards import REWARDS, available, make_reward
 from autonerf_lab.utils.plugins import PluginWarning, strict
 
-EXAMPLE = Path(__file__).parents[2] / "examples/reward_plugin"
 SMALL = {"scene": "train-00", "size": 16, "window": 60, "rgb": False}
 GOOD = "def reward(step):\n    'One a step, steps: always.'\n    return 1.0\n"
 BROKEN = {
@@ -34,35 +29,14 @@ BROKEN = {
 }
 
 
-@pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Site:
-    (tmp_path / "site").mkdir()
-    monkeypatch.syspath_prepend(tmp_path / "site")
-    return Site(tmp_path / "site")
-
-
 def install(site: Site, package: str, name: str, code: str) -> None:
     site.install(package, name, code, "reward", "rewards")
 
 
-def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
-    path = os.pathsep.join([str(folder), os.environ["PYTHONPATH"]])
-    return subprocess.run(
-        [sys.executable, "-m", "autonerf_lab.cli", *arguments],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 def test_the_example_is_installed_listed_and_used_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.copytree(EXAMPLE, tmp_path / "source", ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"))
-    pip = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--no-index"]
-    target = tmp_path / "target"
-    subprocess.run([*pip, "--target", target, tmp_path / "source"], check=True, capture_output=True)
+    target = install_example("reward_plugin", tmp_path)
 
-    listed = command(target, "rewards", "--strict-plugins")
+    listed = run_command(target, "rewards", "--strict-plugins")
     assert listed.returncode == 0, listed.stderr
     lines = [line.split() for line in listed.stdout.splitlines()]
     assert [line[0] for line in lines] == [*REWARDS, "careful"]
@@ -78,15 +52,7 @@ def test_the_example_is_installed_listed_and_used_by_name(tmp_path: Path, monkey
 
 
 def test_the_test_of_the_example_passes(tmp_path: Path) -> None:
-    shutil.copytree(EXAMPLE, tmp_path / "source", ignore=shutil.ignore_patterns("__pycache__"))
-    result = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:dash", tmp_path / "source"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.returncode == 0 and "2 passed" in result.stdout, result.stdout
+    assert "2 passed" in run_example_tests("reward_plugin", tmp_path)
 
 
 @pytest.mark.parametrize("kind", BROKEN)
@@ -119,10 +85,10 @@ def test_built_ins_and_their_sums_are_found_without_loading_any(site: Site) -> N
 def test_the_command_lists_the_rest_and_is_strict_where_asked(site: Site) -> None:
     install(site, "bad-reward", "bad", "1 / 0")
     install(site, "good-reward", "good", GOOD)
-    listed = command(site.folder, "rewards")
+    listed = run_command(site.folder, "rewards")
     assert listed.returncode == 0 and "plug-in 'bad'" in listed.stderr and "ZeroDivisionError" in listed.stderr
     assert listed.stdout.splitlines()[-1].split() == ["good", "steps", "good-reward"]
-    refused = command(site.folder, "rewards", "--strict-plugins")
+    refused = run_command(site.folder, "rewards", "--strict-plugins")
     assert refused.returncode == 1 and not refused.stdout
     assert refused.stderr.startswith("error: plug-in 'bad'") and refused.stderr.count("\n") == 1
 

@@ -1,0 +1,159 @@
+"""Checkpoints of a training: content, rhythm, snapshots, and files that do not fit. A model of two arrays is enough."""
+
+import hashlib
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.nerf import checkpoint
+from autonerf_lab.nerf.checkpoint import TRAINING_FILE, TrainingState, load_parts, save_parts, settings_to_json
+from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
+from autonerf_lab.nerf.optimizer import Adam
+from autonerf_lab.utils.storage import read_arrays, write_arrays
+
+
+def training(value: float = 1.0, seed: int = 0) -> TrainingState:
+    """Return a training state in which all numbers differ from their defaults."""
+    parameters = {"w": np.full(3, value, np.float32)}
+    model = SimpleNamespace(
+        parameters=parameters, state={"grid": np.full(2, value, np.float32)}, settings=SETTINGS["smoke"]
+    )
+    state = TrainingState(model, Adam(parameters), np.random.default_rng(seed))
+    state.optimizer.first["w"][:], state.optimizer.second["w"][:] = value + 1, value + 2
+    return state
+
+
+def saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TrainingState:
+    state = training(5.0, seed=9)
+    state.resume(tmp_path, {"seed": 3})  # nothing to resume yet
+    state.step, state.psnr, state.seconds, state.losses = 12, 20.5, 3.25, {"mse": 0.5}
+    state.skipped, state.failures, state.rate_scale = 2, 1, 0.25
+    state.optimizer.steps["w"] = 11
+    state.rng.random(7)
+    monkeypatch.setattr(checkpoint, "SAVE_EVERY", 0.0)
+    state.save_periodically(tmp_path)
+    return state
+
+
+def test_a_resumed_training_has_the_state_of_the_saved_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before, after = saved(tmp_path, monkeypatch), training()
+    after.resume(tmp_path, {"seed": 3})
+    for name in ("step", "psnr", "seconds", "losses", "skipped", "failures", "rate_scale"):
+        assert getattr(after, name) == getattr(before, name), name
+    assert after.optimizer.steps == {"w": 11} and after.rng.random() == before.rng.random()
+    assert (after.model.parameters["w"] == 5).all() and (after.model.state["grid"] == 5).all()
+    assert (after.optimizer.first["w"] == 6).all() and (after.optimizer.second["w"] == 7).all()
+
+
+def test_a_new_training_starts_from_zero() -> None:
+    state = training()
+    assert (state.step, state.psnr, state.seconds, state.losses) == (0, 0.0, 0.0, {})
+    assert (state.skipped, state.failures, state.rate_scale) == (0, 0, 1.0)
+
+
+def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved(tmp_path, monkeypatch)
+    with pytest.raises(RunFolderError, match=r"belongs to another training \(different seed\); remove it"):
+        training().resume(tmp_path, {"seed": 4})
+    with pytest.raises(RunFolderError, match=r"\(different seed, views\)"):
+        training().resume(tmp_path, {"seed": 4, "views": 2})
+
+
+@pytest.mark.parametrize(
+    "damage", ["missing array", "shape", "nan", "other optimizer", "negative steps", "random state", "cut"]
+)
+def test_a_damaged_checkpoint_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: str) -> None:
+    saved(tmp_path, monkeypatch)
+    path = tmp_path / TRAINING_FILE
+    arrays, header = read_arrays(path, dict)
+    if damage == "missing array":
+        del arrays["first/w"]
+    elif damage == "shape":
+        arrays["state/grid"] = np.zeros(3, np.float32)
+    elif damage == "nan":
+        arrays["second/w"] = np.full(3, np.nan, np.float32)
+    elif damage == "other optimizer":
+        header["optimizer_steps"] = {"v": 1}
+    elif damage == "negative steps":
+        header["optimizer_steps"] = {"w": -1}
+    elif damage == "random state":
+        header["rng"] = {"bit_generator": "MT19937"}
+    write_arrays(path, arrays, header)
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(DataError, match=r"training\.safetensors is damaged.* remove (it|the file) to start"):
+        training().resume(tmp_path, {"seed": 3})
+
+
+def test_no_step_of_the_optimizer_is_valid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    state = training()
+    state.resume(tmp_path, {})
+    monkeypatch.setattr(checkpoint, "SAVE_EVERY", 0.0)
+    state.save_periodically(tmp_path)
+    training().resume(tmp_path, {})
+
+
+def test_checkpoints_are_20_seconds_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(checkpoint, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    state, path = training(), tmp_path / TRAINING_FILE
+    state.resume(tmp_path, {})
+    for now, exists in ((119.9, False), (120.0, True), (139.9, False), (140.0, True)):
+        clock[0] = now
+        state.save_periodically(tmp_path)
+        assert path.exists() == exists, now
+        path.unlink(missing_ok=True)
+
+
+def test_a_snapshot_brings_back_parameters_and_moments_and_halves_the_rate() -> None:
+    state = training(1.0)
+    state.restore_snapshot()
+    assert state.rate_scale == 0.5 and (state.model.parameters["w"] == 1).all(), "nothing to return to"
+    state.optimizer.steps["w"] = 4
+    state.take_snapshot()
+    for array in (state.model.parameters["w"], state.model.state["grid"], state.optimizer.first["w"]):
+        array[:] = np.nan
+    state.optimizer.second["w"][:], state.optimizer.steps["w"] = -1, 9
+    state.restore_snapshot()
+    assert state.rate_scale == 0.25 and state.optimizer.steps == {"w": 4}
+    assert (state.model.parameters["w"] == 1).all() and (state.model.state["grid"] == 1).all()
+    assert (state.optimizer.first["w"] == 2).all() and (state.optimizer.second["w"] == 3).all()
+
+
+def header(**change: object) -> dict:
+    point = [0.0, 0.0, 0.0]
+    camera = {"width": 2, "height": 1, "fl_x": 1.0, "fl_y": 1.0, "cx": 1.0, "cy": 0.5}
+    return {
+        **{"settings": {}, "box": {"center": point, "half": point, "shell": 1.0}, "classes": 16, "meta": {}},
+        **{"frame": {"origin": point, "unit": 1.0}, "intrinsics": camera},
+        **{"visibility": {"origin": point, "voxel": 0.05, "shape": [1, 1, 1]}, **change},
+    }
+
+
+def test_a_field_is_two_files_and_ends_its_training(tmp_path: Path) -> None:
+    (tmp_path / TRAINING_FILE).touch()
+    save_parts(tmp_path, {"a": np.arange(3)}, header())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["nerf.json", "nerf.safetensors"]
+    arrays, found = load_parts(tmp_path)
+    assert arrays["a"].tolist() == [0, 1, 2] and found.classes == 16 and found.package is None
+    assert found.version == json.loads((tmp_path / "nerf.json").read_text())["version"] == 3
+    assert found.arrays_sha256 == hashlib.sha256((tmp_path / "nerf.safetensors").read_bytes()).hexdigest()
+
+
+def test_files_of_another_version_or_of_another_field_are_refused(tmp_path: Path) -> None:
+    save_parts(tmp_path, {"a": np.arange(3)}, header(version=2))
+    with pytest.raises(DataError, match=r"nerf\.json has version 2, this release reads 3; fit again"):
+        load_parts(tmp_path)
+    save_parts(tmp_path, {"a": np.arange(3)}, header())
+    write_arrays(tmp_path / "nerf.safetensors", {"a": np.arange(4)})
+    with pytest.raises(DataError, match=r"nerf\.safetensors does not belong to nerf\.json beside it"):
+        load_parts(tmp_path)
+
+
+def test_settings_are_written_as_json_reads_them() -> None:
+    settings = settings_to_json(SETTINGS["smoke"])
+    assert json.loads(json.dumps(settings)) == settings and any(isinstance(v, list) for v in settings.values())
