@@ -48,6 +48,10 @@ class RewardError(AutoNerfError, ValueError):
     """A reward that raised or is not a finite number, or a weighted sum that cannot be parsed."""
 
 
+class PolicyError(AutoNerfError, RuntimeError):
+    """A policy that raised, or chose no action, during an episode."""
+
+
 class RunFolderError(AutoNerfError, RuntimeError):
     """A run folder whose content does not allow the command."""
 

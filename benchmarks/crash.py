@@ -124,11 +124,6 @@ READERS: dict[str, Callable[[Path], Any]] = {
 }
 
 
-def in_unfinished_trajectory(file: Path) -> bool:
-    """Return True for a frame of an incomplete trajectory: transforms.json is written last."""
-    return file.name.startswith("frame_") and not (file.parents[1] / "transforms.json").exists()
-
-
 def check_files(out: Path, seen: Seen, counts: Counter[str]) -> None:
     """Read all files and compare the finished cells and stages with those seen before."""
     found: Seen = {}
@@ -139,7 +134,7 @@ def check_files(out: Path, seen: Seen, counts: Counter[str]) -> None:
             content = READERS[file.suffix](file)
             whole = file.read_bytes()
         except (OSError, ValueError) as error:
-            if file.exists() and not in_unfinished_trajectory(file):  # a running worker may have removed it
+            if file.exists():  # a running worker may have removed it
                 print(f"unreadable: {file}: {error}", flush=True)
                 counts["unreadable"] += 1
             continue

@@ -2,13 +2,18 @@
 
 Every format has a valid file, made here, and a loader. Mutants change bytes, cut or repeat parts, or replace, remove
 and add values of the JSON inside. ``--only FORMAT --seed S --first N --mutants 1`` repeats a violation. The last line
-of the output is JSON.
+of the output is JSON, with the CPU seconds of each format.
+
+A mutant depends only on the seed and its number, so a long run can be divided into ranges, for example five nights of
+
+    nice -n 19 python benchmarks/fuzz.py --first 0 --mutants 20000     # then --first 20000, 40000, ...
 """
 
 import argparse
 import copy
 import hashlib
 import json
+import os
 import tempfile
 import time
 import warnings
@@ -20,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
+from stable_baselines3.common.vec_env import VecEnv
 
 from autonerf_lab.benchmark import Grid
 from autonerf_lab.benchmark.results import Outcome, load_results, open_results
@@ -31,12 +37,19 @@ from autonerf_lab.evaluators import Scores
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.nerf import checkpoint, fit, load_nerf
 from autonerf_lab.nerf.models import model_spec
+from autonerf_lab.pipeline import outputs
 from autonerf_lab.pipeline.gallery import Gallery, read_gallery
-from autonerf_lab.pipeline.run_folder import RunConfig, load_run, open_run
+from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, load_run, open_run
 from autonerf_lab.policies import WEIGHTS, load_policy
+from autonerf_lab.policies.spec import make_interface, make_network
+from autonerf_lab.rewards import make_reward
 from autonerf_lab.scenes import export_glb, generate_apartment, import_scene
 from autonerf_lab.scenes.semantics_file import read_semantics
 from autonerf_lab.scenes.spec import dumps, read_spec
+from autonerf_lab.training.ppo import make_ppo
+from autonerf_lab.training.session import CHECKPOINT, TrainingSession, read_checkpoint
+from autonerf_lab.training.settings import settings_of
+from autonerf_lab.training.worker_pool import WorkerPool
 from autonerf_lab.types import Score
 from autonerf_lab.utils.resources import peak_gb, reset_peak, resident_gb
 
@@ -59,6 +72,7 @@ VALUES = [
     [[]],
     "\x00",
 ]
+NAMES = [value for value in VALUES if isinstance(value, str)]
 
 
 @dataclass(frozen=True)
@@ -72,7 +86,7 @@ class Format:
 
 
 def mutate_json(content: Any, rng: np.random.Generator) -> Any:
-    """Return JSON with one to three values replaced, removed or added."""
+    """Return JSON with one to three values replaced, removed, added or renamed."""
     content = copy.deepcopy(content)
     for _ in range(int(rng.integers(1, 4))):
         nodes = [node for node in _containers(content) if node]
@@ -81,9 +95,11 @@ def mutate_json(content: Any, rng: np.random.Generator) -> Any:
         node = nodes[int(rng.integers(len(nodes)))]
         keys = list(node) if isinstance(node, dict) else list(range(len(node)))
         key = keys[int(rng.integers(len(keys)))]
-        kind = int(rng.integers(5))
+        kind = int(rng.integers(6))
         if kind == 0:
             del node[key]
+        elif kind == 5 and isinstance(node, dict):
+            node[NAMES[int(rng.integers(len(NAMES)))]] = node.pop(key)
         elif kind == 1 and isinstance(node, dict):
             node["unexpected"] = copy.deepcopy(node[key])
         elif kind == 1:
@@ -156,6 +172,38 @@ def _without_inner(header: Any) -> Any:
     return header
 
 
+class NoWorkers(WorkerPool):
+    """Stands for the worker processes of a policy training: it has spaces, and accepts every call."""
+
+    def __init__(self, network: dict[str, Any]) -> None:
+        interface = make_interface(network)
+        VecEnv.__init__(self, 1, interface.observation_space, interface.action_space)
+
+    def call(self, name: str, *arguments: Any) -> list[Any]:
+        """Do nothing."""
+        return []
+
+
+def policy_training(folder: Path) -> Callable[[], None]:
+    """Write the checkpoint of a policy training with a learned reward; return a function that resumes from it."""
+    settings = settings_of("e2e-cur", environments=1, rollout=4, batch=4, sensor=16)
+    pool = NoWorkers(settings.network)
+    fingerprint = {"policy": "e2e-cur", "lr": settings.lr, "scenes": ["train-00"]}
+    run = TrainingSession(folder, fingerprint, settings, pool, make_reward("cur"), False, lambda row: None)
+    run.model = make_ppo(pool, lambda: make_network(settings.network)[1], settings, None)
+    sum(value.sum() for value in run.model.policy.parameters()).backward()
+    run.model.policy.optimizer.step()
+    run.curve = [{"frames": 8.0, "reward": 0.5, "explored_m2": 3.0}]
+    run.save()
+
+    def resume() -> None:
+        found = read_checkpoint(folder / CHECKPOINT, fingerprint)
+        assert found is not None
+        run.resume(*found)
+
+    return resume
+
+
 def make_formats(folder: Path) -> list[Format]:
     """Write a valid file of every format."""
     scene = generate_apartment(3)
@@ -184,7 +232,9 @@ def make_formats(folder: Path) -> list[Format]:
     for suffix in (".json", ".safetensors"):
         (folder / f"policy{suffix}").write_bytes((WEIGHTS / f"modular-obs{suffix}").read_bytes())
     run = open_run(folder / "run", RunConfig("val-0", "f00", "random", "smoke", model="instant-ngp"))
+    (folder / "run/scene.json").write_text("{}")
     run.mark_finished("scene", 1.0, 0.5)
+    resume_policy = policy_training(folder / "policy-training")
     grid = Grid(("random",), ("val-0",), 1, preset="smoke")
     results = open_results(folder / "results", grid)
     cell = grid.cells()[0]
@@ -207,6 +257,10 @@ def make_formats(folder: Path) -> list[Format]:
     def train_on() -> None:
         fit(trajectory, settings=settings, preset="smoke", progress=False, checkpoint=folder / "training")
 
+    def remove_outputs() -> None:
+        outputs.check_unchanged(folder / "run", STAGES)
+        outputs.remove(folder / "run", STAGES)
+
     return [
         Format("scene.json", folder / "scene.json", lambda: read_spec(folder / "scene.json")),
         Format(
@@ -225,7 +279,9 @@ def make_formats(folder: Path) -> list[Format]:
         Format("training.safetensors", folder / "training/training.safetensors", train_on),
         Format("policy.json", folder / "policy.json", lambda: load_policy(folder / "policy")),
         Format("policy.safetensors", folder / "policy.safetensors", lambda: load_policy(folder / "policy")),
+        Format("checkpoint.safetensors", folder / "policy-training" / CHECKPOINT, resume_policy),
         Format("run.json", folder / "run/run.json", lambda: load_run(folder / "run").save()),
+        Format("outputs.json", folder / "run/outputs.json", remove_outputs),
         Format("grid.json", folder / "results/grid.json", lambda: load_results(folder / "results").outcomes()),
         Format(
             "cell.json",
@@ -245,7 +301,7 @@ def attack(form: Format, mutants: int, first: int, seed: int) -> dict[str, Any]:
     examples: dict[str, int] = {}
     slowest, refused = 0.0, 0
     reset_peak()
-    base = resident_gb(__import__("os").getpid())
+    base, began = resident_gb(os.getpid()), time.process_time()
     for index in range(first, first + mutants):
         rng = np.random.default_rng([seed, index])
         form.file.write_bytes(mutant(valid, form.file.suffix, rng))
@@ -274,6 +330,7 @@ def attack(form: Format, mutants: int, first: int, seed: int) -> dict[str, Any]:
                 path.write_bytes(data)
     form.file.write_bytes(valid)
     row = {"format": form.name, "mutants": mutants, "refused": refused, "violations": sum(violations.values())}
+    row |= {"seconds": round(time.process_time() - began, 1), "slowest": round(slowest, 2)}
     counts = f"{mutants:7} mutants, {refused:7} refused, {row['violations']:4} violations"
     print(f"{form.name:22} {counts}, slowest {slowest:.2f} s", flush=True)
     for text, count in violations.most_common(8):

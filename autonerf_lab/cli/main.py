@@ -32,6 +32,7 @@ from autonerf_lab.cli.video import VideoCommand
 from autonerf_lab.cli.view import ViewCommand
 from autonerf_lab.errors import AutoNerfError
 from autonerf_lab.utils import plugins
+from autonerf_lab.utils.storage import is_disk_full
 
 
 @dataclass(frozen=True)
@@ -89,16 +90,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
         debug = parsed.debug
         with plugins.strict() if parsed.strict_plugins else contextlib.nullcontext():
             parsed.command.run()
+        sys.stdout.flush()  # a full disk is reported here, not by the interpreter at its end
     except AutoNerfError as error:
         if debug:
             traceback.print_exc()
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         if debug:
             traceback.print_exc()
-        print("\ninterrupted: run the same command again to continue", file=sys.stderr)
+        place = f" ({error})" if str(error) else ""  # the policy or reward that was running
+        print(f"\ninterrupted{place}: run the same command again to continue", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has ended
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
+    except OSError as error:
+        if debug or not is_disk_full(error) or error.filename is not None:
+            raise
+        _discard_output()
+        print(f"error: cannot write the output of the command: {error.strerror}", file=sys.stderr)
+        return 1
     return 0
+
+
+def _discard_output() -> None:
+    """Send standard output nowhere, so that the interpreter can flush it at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

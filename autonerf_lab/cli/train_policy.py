@@ -61,9 +61,12 @@ class TrainPolicyCommand:
 
     def run(self) -> None:
         """Train the policy, save the learning curve and print the path of the weights."""
+        import io
+
         from autonerf_lab.policies.weights import read_meta
         from autonerf_lab.training.settings import settings_of
         from autonerf_lab.training.train import train_policy
+        from autonerf_lab.utils.storage import write_bytes
         from autonerf_lab.viz.figures.training import learning_curve
 
         chosen: dict[str, Any] = {} if self.frames is None else {"frames": positive_integer(self.frames)}
@@ -72,5 +75,7 @@ class TrainPolicyCommand:
         settings = settings_of(self.policy, seed=self.seed, **chosen)
         out = self.out or Path("runs/policies") / self.policy
         weights = train_policy(self.policy, out, settings, workers=self.workers, start=self.start)
-        learning_curve(read_meta(weights)["curve"], self.policy).savefig(out / "curve.png", dpi=110)
+        image = io.BytesIO()
+        learning_curve(read_meta(weights)["curve"], self.policy).savefig(image, format="png", dpi=110)
+        write_bytes(out / "curve.png", image.getvalue())
         print(f"weights: {weights}.safetensors")

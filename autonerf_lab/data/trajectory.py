@@ -82,7 +82,7 @@ class Trajectory:
             for name in _FOLDERS.values():
                 if (folder / name).is_symlink():
                     raise DataError(f"{folder / name} is a symbolic link, which is not followed; choose another folder")
-                for stale in (folder / name).glob("frame_*.png"):
+                for stale in (*(folder / name).glob("frame_*.png"), *storage.interrupted_writes(folder / name)):
                     stale.unlink()
             for key in layers:
                 (folder / _FOLDERS[key]).mkdir(parents=True, exist_ok=True)
@@ -195,10 +195,6 @@ def _frame_path(key: str, t: int) -> str:
 
 def _write_frame(folder: Path, layers: dict[str, np.ndarray], t: int) -> None:
     for key, array in layers.items():
-        path = folder / _frame_path(key, t)
         buffer = io.BytesIO()
         Image.fromarray(array[t]).save(buffer, "PNG", compress_level=1)
-        try:
-            path.write_bytes(buffer.getvalue())
-        except OSError as error:
-            raise DataError(f"cannot write {path}: {error.strerror or error}; free some space") from error
+        storage.write_bytes(folder / _frame_path(key, t), buffer.getvalue(), durable=False)

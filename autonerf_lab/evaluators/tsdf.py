@@ -83,12 +83,22 @@ def fuse(trajectory: Trajectory, voxel: float, min_triangles: int = MIN_TRIANGLE
     found = volume.extract_triangle_mesh(MIN_VIEWS) if found_surface else None
     if found is None or found.is_empty():
         return trimesh.Trimesh(process=False)
-    mesh = trimesh.Trimesh(
-        found.vertex.positions.numpy().astype(np.float64), found.triangle.indices.numpy(), process=False
-    )
+    vertices, faces = _sorted(found.vertex.positions.numpy().astype(np.float64), found.triangle.indices.numpy())
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.update_faces(large_components(mesh.faces, len(mesh.vertices), min_triangles))
     mesh.remove_unreferenced_vertices()
     return mesh
+
+
+def _sorted(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sort the vertices and faces of a mesh; Open3D returns them in another order in every run."""
+    order = np.lexsort(vertices.T)
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    faces = rank[faces]
+    first = faces.argmin(axis=1)[:, None]  # a face begins with its smallest vertex; its orientation is kept
+    faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
+    return vertices[order], faces[np.lexsort(faces.T)]
 
 
 class FusedDepthMesh(MeshTask):

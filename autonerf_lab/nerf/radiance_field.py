@@ -20,9 +20,13 @@ from autonerf_lab.nerf.visibility import Visibility
 from autonerf_lab.types import Rendering
 from autonerf_lab.utils.plugins import package_name_of
 
+MAX_COORDINATE = 1e9  # of points, in units of the poses; squares of larger float32 values overflow
+
 
 class NeRF:
     """A trained model with its training poses. Points and poses are in the world frame of the training poses.
+
+    Points, poses and rays that are not finite are refused with a :class:`~autonerf_lab.errors.DataError`.
 
     Args:
         model: field architecture and sampler, with the trained parameters.
@@ -59,7 +63,7 @@ class NeRF:
 
     def density(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) float32 densities at (N, 3) world points, per metre (or per unit of the poses)."""
-        return self.model.field.density(self.frame.to_field(points)) / np.float32(self.frame.unit)
+        return self.model.field.density(self._to_field(points)) / np.float32(self.frame.unit)
 
     def color(self, points: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
         """Return colours at points.
@@ -73,7 +77,7 @@ class NeRF:
         """
         if directions is None:
             directions = np.broadcast_to(np.array([0, 0, -1.0]), (len(points), 3))
-        return self.model.field.color(self.frame.to_field(points), directions)
+        return self.model.field.color(self._to_field(points), _checked("directions", directions))
 
     def semantics(self, points: np.ndarray) -> np.ndarray:
         """Return (N, 16) float32 class probabilities at (N, 3) world points.
@@ -83,13 +87,16 @@ class NeRF:
         """
         if not self.classes:
             raise DataError("this field has no classes: it was trained on images without semantics")
-        logits = self.model.field.logits(self.frame.to_field(points))
+        logits = self.model.field.logits(self._to_field(points))
         odds = np.exp(logits - logits.max(axis=1, keepdims=True))
         return odds / odds.sum(axis=1, keepdims=True)
 
     def seen(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) bool: True if a world point (N, 3) lies between a training camera and its surface, or on it."""
         return self.visibility(self.frame.to_field(points))
+
+    def _to_field(self, points: np.ndarray) -> np.ndarray:
+        return self.frame.to_field(_checked("points", points))
 
     def ray_gradients(
         self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
@@ -238,6 +245,20 @@ def render(model: Model, frame: FieldFrame, c2w: np.ndarray, intrinsics: Intrins
 
 def _unit(rays_o: np.ndarray, rays_d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return float32 origins, unit directions, and the lengths of the given directions."""
-    length = np.linalg.norm(rays_d, axis=1)
-    origins = np.ascontiguousarray(rays_o, np.float32)
+    length = np.linalg.norm(_checked("rays", rays_d), axis=1)
+    if length.size and not length.min() > 0:
+        raise DataError("a ray has a direction of length zero")
+    origins = np.ascontiguousarray(_checked("rays", rays_o), np.float32)
     return origins, np.ascontiguousarray(rays_d / length[:, None], np.float32), length.astype(np.float32)
+
+
+def _checked(name: str, values: np.ndarray) -> np.ndarray:
+    """Return values within the range of float32 coordinates.
+
+    Raises:
+        DataError: a value is not finite, or too large.
+    """
+    largest = float(np.abs(values).max(initial=0.0))
+    if not largest < MAX_COORDINATE:
+        raise DataError(f"{name} must be finite and below {MAX_COORDINATE:g}; the largest value is {largest:g}")
+    return values

@@ -22,8 +22,11 @@ def is_own(root: Path, path: Path) -> bool:
     if not path.is_relative_to(root):  # an absolute path in a list that somebody edited
         return False
     parts = path.relative_to(root).parts
-    links = any((root / Path(*parts[:k])).is_symlink() for k in range(1, len(parts) + 1))
-    return ".." not in parts and not links and path.is_file()
+    try:
+        links = any((root / Path(*parts[:k])).is_symlink() for k in range(1, len(parts) + 1))
+        return ".." not in parts and not links and path.is_file()
+    except OSError:  # no file can have this name, for example because it is too long
+        return False
 
 
 def record(root: Path, stage: str, patterns: Iterable[str]) -> None:

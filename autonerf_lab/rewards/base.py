@@ -140,6 +140,8 @@ def evaluate(reward: Reward, transition: Transition, name: str) -> float:
         value = reward(transition)
     except RewardError:
         raise
+    except KeyboardInterrupt as error:
+        raise KeyboardInterrupt(f"reward {name!r} was interrupted at step {step}") from error
     except Exception as error:
         raise RewardError(f"reward {name!r} failed at step {step}: {type(error).__name__}: {error}") from error
     number = to_float(value)

@@ -85,12 +85,14 @@ class Learner:
 
 
 def check_state(expected: Mapping[str, np.ndarray], state: Mapping[str, np.ndarray]) -> None:
-    """Check that a state has the names, shapes and types of the expected one.
+    """Check that a state has the names, shapes and types of the expected one, and finite values.
 
     Raises:
-        DataError: names the first array that differs.
+        DataError: names the first array that differs, or whose values are not finite.
     """
     for name in sorted({*expected, *state}):
         kinds = [f"{a.dtype} {a.shape}" if (a := d.get(name)) is not None else "missing" for d in (expected, state)]
         if kinds[0] != kinds[1]:
             raise DataError(f"the state belongs to another reward: {name!r} is {kinds[1]}, not {kinds[0]}")
+        if not np.isfinite(state[name]).all():
+            raise DataError(f"the state of the reward is damaged: {name!r} has values that are not finite")

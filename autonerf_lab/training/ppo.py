@@ -175,13 +175,20 @@ def load_training_state(ppo: PPO | RecurrentPPO, arrays: dict[str, np.ndarray]) 
 
     Raises:
         KeyError: an array is missing.
+        ValueError: an array has another shape or type, or values that are not finite.
     """
+
+    def load(name: str, like: Tensor) -> Tensor:
+        array = arrays[name]
+        if array.shape != like.shape or array.dtype != np.float32 or not np.isfinite(array).all():
+            raise ValueError(f"{name} is not {tuple(like.shape)} finite numbers of 32 bits")
+        return torch.from_numpy(array)
+
     network, optimizer = network_of(ppo), ppo.policy.optimizer
     has_moments = any(name.startswith("adam/") for name in arrays)  # False after imitation, before PPO
     with torch.no_grad():
         for name, value in network.named_parameters():
-            value.copy_(torch.from_numpy(arrays[f"parameter/{name}"]))
+            value.copy_(load(f"parameter/{name}", value))
             if has_moments:
-                optimizer.state[value] = {
-                    key: torch.from_numpy(arrays[f"adam/{name}/{key}"]) for key in ("step", "exp_avg", "exp_avg_sq")
-                }
+                like = {"step": torch.zeros(()), "exp_avg": value, "exp_avg_sq": value}
+                optimizer.state[value] = {key: load(f"adam/{name}/{key}", shape) for key, shape in like.items()}

@@ -2,9 +2,11 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 import torch
 from sb3_contrib import RecurrentPPO
@@ -26,7 +28,23 @@ RESTART_EVERY = 16  # rollouts between two restarts of all episodes, if episodes
 _REWARD_PREFIX = "reward/"  # of the arrays of a learned reward in a checkpoint
 
 
-def read_checkpoint(path: Path, fingerprint: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
+_Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
+
+
+@dataclass(frozen=True)
+class CheckpointHeader:
+    """Header of the checkpoint of a policy training."""
+
+    fingerprint: dict[str, Any]
+    curve: list[dict[str, int | float]]
+    episode: _Count
+    frames: _Count
+    seconds: float
+    timesteps: _Count
+    updates: _Count
+
+
+def read_checkpoint(path: Path, fingerprint: dict[str, Any]) -> tuple[dict[str, np.ndarray], CheckpointHeader] | None:
     """Read the arrays and the header of a checkpoint; None if there is no checkpoint.
 
     Raises:
@@ -36,20 +54,16 @@ def read_checkpoint(path: Path, fingerprint: dict[str, Any]) -> tuple[dict[str, 
     if not path.exists():
         return None
     try:
-        arrays, header = read_arrays(path, dict[str, Any])
-        found = header["fingerprint"]
-    except (KeyError, ValueError) as error:  # a DataError is a ValueError
-        raise _damaged(path, error) from error
+        arrays, header = read_arrays(path, CheckpointHeader)
+    except DataError as error:
+        raise DataError(f"{error}; remove the file to start the training again") from error
+    found = header.fingerprint
     if found != fingerprint:
         differ = sorted(k for k in {*found, *fingerprint} if found.get(k) != fingerprint.get(k))
         raise RunFolderError(
-            f"{path} belongs to another training ({', '.join(differ)} differ); remove it, or use another folder"
+            f"{path} belongs to another training ({', '.join(differ)[:200]} differ); remove it, or use another folder"
         )
     return arrays, header
-
-
-def _damaged(path: Path, error: Exception) -> DataError:
-    return DataError(f"{path} is damaged ({error!r}); remove it to start the training again")
 
 
 class TrainingSession(BaseCallback):
@@ -89,7 +103,7 @@ class TrainingSession(BaseCallback):
         self._ended: list[tuple[float, dict[str, Any]]] = []  # rewards and infos of the episodes of this rollout
         self._saved = self._started = time.perf_counter()
 
-    def resume(self, arrays: dict[str, np.ndarray], header: dict[str, Any]) -> None:
+    def resume(self, arrays: dict[str, np.ndarray], header: CheckpointHeader) -> None:
         """Load a checkpoint.
 
         Raises:
@@ -101,12 +115,14 @@ class TrainingSession(BaseCallback):
                 learned = {k.removeprefix(_REWARD_PREFIX): v for k, v in arrays.items() if k.startswith(_REWARD_PREFIX)}
                 self.reward.load_state_dict(learned)
                 self.pool.call("load_reward_state", learned)
-            self.curve, self.episode, self.seconds = header["curve"], header["episode"], header["seconds"]
-            self.frames = header["frames"]
-            self.model.num_timesteps, self.model._n_updates = header["timesteps"], header["updates"]
-            self.pool.set_episode(self.episode if self.aligned else self._steps)
-        except (KeyError, TypeError, ValueError) as error:
-            raise _damaged(self.folder / CHECKPOINT, error) from error
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:  # RuntimeError: another shape
+            raise DataError(
+                f"{self.folder / CHECKPOINT} is damaged ({error!r}); remove it to start the training again"
+            ) from error
+        self.curve, self.episode, self.seconds = header.curve, header.episode, header.seconds
+        self.frames = header.frames
+        self.model.num_timesteps, self.model._n_updates = header.timesteps, header.updates
+        self.pool.set_episode(self.episode if self.aligned else self._steps)
 
     def save(self) -> None:
         """Write the checkpoint; call it only between two episodes, or before the first."""

@@ -38,6 +38,7 @@ from autonerf_lab.training.session import CHECKPOINT, TrainingSession, read_chec
 from autonerf_lab.training.settings import PolicySettings, command_of, settings_of
 from autonerf_lab.training.shortest_path_expert import imitate_shortest_paths
 from autonerf_lab.training.worker_pool import MakeEnv, WorkerPool
+from autonerf_lab.utils.storage import write_bytes
 
 Scenes = Sequence[str | Scene] | None
 
@@ -151,7 +152,7 @@ def train_policy(
             session.finish()
     finally:
         pool.close()
-    pd.DataFrame(session.curve).to_csv(folder / "curve.csv", index=False)
+    write_bytes(folder / "curve.csv", pd.DataFrame(session.curve).to_csv(index=False, lineterminator="\n").encode())
     save_weights(
         folder / "policy",
         network_of(ppo),

@@ -1,5 +1,6 @@
 """Command line: help, errors and exit codes."""
 
+import os
 import subprocess
 import sys
 import time
@@ -119,6 +120,27 @@ def test_full_disk_is_a_one_line_error(monkeypatch, capsys):
     monkeypatch.setattr(pipeline, "run_pipeline", full)
     assert cli.main(["demo"]) == 1
     assert "No space left" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_full_standard_output_is_a_one_line_error():
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "autonerf_lab.cli", "scenes", "list"]
+        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert result.returncode == 1
+    assert result.stderr == "error: cannot write the output of the command: No space left on device\n"
+
+
+def test_paths_with_any_letters_work_in_the_c_locale(tmp_path):
+    out = tmp_path / "Wohnung ä 房间 \N{HOUSE BUILDING}" / ("x" * 200) / ("y" * 200) / "scene.json"
+    words = [sys.executable, "-m", "autonerf_lab.cli", "scenes", "generate", "7", "--out", str(out)]
+    environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    result = subprocess.run(words, capture_output=True, env=environment, check=False)
+    assert (result.returncode, result.stderr) == (0, b"") and out.exists()
+    too_long = [*words[:-1], str(tmp_path / ("z" * 300) / "scene.json")]
+    result = subprocess.run(too_long, capture_output=True, env=environment, check=False)
+    assert result.returncode == 1 and result.stderr.count(b"\n") == 1
+    assert result.stderr.startswith(b"error: cannot write") and b"File name too long" in result.stderr
 
 
 def test_scenes_list(capsys):

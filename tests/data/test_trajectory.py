@@ -73,6 +73,23 @@ def test_saving_again_leaves_no_old_frame(folder):
     assert len(load_trajectory(folder)) == 2
 
 
+def test_every_frame_is_complete_or_absent(tmp_path, monkeypatch):
+    class Killed(BaseException):
+        pass
+
+    def kill(*_):
+        raise Killed
+
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr("os.replace", kill)
+        _trajectory(1).save(tmp_path)
+    assert not list(tmp_path.rglob("frame_*")) and list((tmp_path / "images").iterdir())  # a temporary file is left
+    _trajectory(1).save(tmp_path)
+    names = [f"{layer}/frame_00000.png" for layer in ("depth", "images", "semantics")]
+    found = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file())
+    assert found == [*names, "transforms.json"]
+
+
 def test_unfinished_save_is_not_a_trajectory(folder, monkeypatch):
     def full(*_):
         raise DataError("disk full")

@@ -43,6 +43,20 @@ def test_a_room_of_four_by_three_metres(sim, trajectory):
     assert (up == low).mean() > 0.99, "the floor faces up and the ceiling down"
 
 
+def test_two_processes_give_the_same_bytes(trajectory, tmp_path):
+    k = slice(20)  # frames
+    parts = {name: getattr(trajectory, name)[k] for name in ("poses", "rgb", "depth", "semantics")}
+    replace(trajectory, **parts).save(tmp_path / "trajectory")
+    code = (
+        "import sys, hashlib; from autonerf_lab.data.trajectory import load_trajectory;"
+        "from autonerf_lab.evaluators.tsdf import fuse; mesh = fuse(load_trajectory(sys.argv[1]), 0.1, 1);"
+        "print(len(mesh.faces), hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest())"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "trajectory")]
+    first, second = (subprocess.run(command, check=True, capture_output=True, text=True).stdout for _ in range(2))
+    assert first == second and int(first.split()[0]) > 1000
+
+
 def test_half_a_pixel_shift_is_worse(sim, trajectory):
     """The centre of a pixel has different conventions in different libraries."""
     field = TrueField(sim.scene, sim, views=1)

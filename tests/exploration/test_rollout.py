@@ -1,11 +1,15 @@
 import json
+import signal
+import subprocess
+import sys
+import tempfile
 
 import numpy as np
 import pytest
 from toy_scene import two_rooms
 
 from autonerf_lab.data.trajectory import load_trajectory
-from autonerf_lab.errors import SceneError, UnknownNameError, WrongTypeError
+from autonerf_lab.errors import PolicyError, SceneError, UnknownNameError, WrongTypeError
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.simulator import MotionNoise, Simulator
@@ -41,6 +45,65 @@ def test_frames_are_the_observations_before_each_action():
     assert trajectory.meta["actions"][:6] == [0, 0, 1, 1, 1, 0]
     assert trajectory.meta["path_m"][:4] == [0.0, 0.25, 0.5, 0.5]
     assert trajectory.meta["policy"] == "Square"
+
+
+class Faulty(Square):
+    """Policy that fails at step 2, or in reset."""
+
+    def __init__(self, fault, in_reset=False):
+        self.fault, self.in_reset = fault, in_reset
+
+    def reset(self, rng):
+        super().reset(rng)
+        if self.in_reset:
+            raise self.fault
+
+    def act(self, map, observation):
+        if self.step == 2 and isinstance(self.fault, BaseException):
+            raise self.fault
+        return self.fault if self.step == 2 else super().act(map, observation)
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (Faulty(KeyError("map")), "policy 'Faulty' failed at step 2: KeyError: 'map'"),
+        (Faulty(KeyError("map"), in_reset=True), "policy 'Faulty' failed in reset: KeyError: 'map'"),
+        (Faulty(7), "policy 'Faulty' failed at step 2: ValueError: 7 is not a valid Action"),
+        (Faulty(None), "policy 'Faulty' failed at step 2: ValueError: None is not a valid Action"),
+    ],
+)
+def test_a_policy_that_fails_is_named(policy, message):
+    with pytest.raises(PolicyError, match=message):
+        explore(Simulator(two_rooms(), CAMERA), policy, steps=5, progress=False)
+
+
+def test_ctrl_c_in_a_policy_that_hangs_names_it():
+    code = (
+        "import sys; from autonerf_lab import cli, policies\n"
+        "class Hangs:\n"
+        "    waypoint = None\n"
+        "    def reset(self, rng): pass\n"
+        "    def act(self, map, observation):\n"
+        "        print('hangs', flush=True)\n"
+        "        while True: pass\n"
+        "policies.POLICIES['hangs'] = Hangs\n"
+        "words = 'explore --scene dev-0 --policy hangs --preset smoke --out'.split()\n"
+        "sys.exit(cli.main([*words, sys.argv[1]]))"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)  # background processes ignore SIGINT
+        command = [sys.executable, "-c", code, folder + "/run"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            signal.signal(signal.SIGINT, before)
+            assert process.stdout is not None
+            assert any("hangs" in line for line in process.stdout)
+            process.send_signal(signal.SIGINT)
+            _, error = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert error.strip().endswith(
+        "interrupted (policy 'hangs' was interrupted at step 0): run the same command again to continue"
+    )
 
 
 def test_a_trajectory_is_saved_and_loaded(tmp_path):

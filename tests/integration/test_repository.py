@@ -159,13 +159,14 @@ def test_continuous_integration_is_make_test():
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / ".github/workflows").glob("*.yml")), ids=lambda path: path.stem)
-def test_workflows_have_least_permissions_and_versioned_actions(path):
+def test_workflows_have_least_permissions_and_actions_pinned_by_commit(path):
     workflow = yaml.safe_load(path.read_text())
     assert workflow["permissions"] == {"contents": "read"}
     for job in workflow["jobs"].values():
         assert job["timeout-minutes"] <= 60
         for step in job["steps"]:
-            assert "run" in step or re.search(r"@(v\d+|release/v\d+)$", step["uses"])
+            assert "run" in step or re.search(r"@[0-9a-f]{40}$", step["uses"])
+    assert all(re.search(r" # v\d+\.\d+\.\d+$", line) for line in path.read_text().splitlines() if "uses:" in line)
 
 
 @pytest.mark.parametrize("path", [*MARKDOWN, ROOT / "Makefile", ROOT / "autonerf_lab/pipeline/report.html.jinja"],

@@ -1,4 +1,7 @@
-"""Python imports this at start-up when its folder is on PYTHONPATH: no address but loopback can be reached.
+"""Python imports this at start-up when its folder is on PYTHONPATH: Python's sockets connect to loopback only.
+
+The methods `connect`, `connect_ex`, `sendto` and `sendmsg` of Python's sockets are replaced. The resolution of names,
+servers, sockets of compiled code and other programs, the browser for example, are not covered.
 
 ``conftest.py`` puts the folder there for every process that a test starts, kernels of notebooks included, and runs this
 file for the process of the tests itself.

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.parse
 import urllib.request
 from dataclasses import dataclass, replace
 from dataclasses import field as field_of
@@ -263,7 +264,7 @@ class Browser:
 
 def test_viewer_listens_on_loopback_only() -> None:
     with nerf_viewer(wall()) as viewer:
-        port = int(viewer.url.rsplit(":", 1)[1])
+        port = urllib.parse.urlsplit(viewer.url).port
         listening = [c.laddr for c in psutil.Process().net_connections("tcp") if c.status == psutil.CONN_LISTEN]
         assert [address.ip for address in listening if address.port == port] == ["127.0.0.1"]
         with urllib.request.urlopen(viewer.url) as answer:

@@ -1,5 +1,7 @@
 """Browser viewer of a radiance field, also during training. The server accepts connections from this machine only.
 
+The address of the page contains a secret token; :mod:`~autonerf_lab.viz.viewer.guard` refuses all other requests.
+
 The page uses viser. When the camera of a browser moves, the field is rendered from there: at low resolution first, at
 higher resolution while the camera rests. The image is the background of the page. Its depth hides training cameras and
 points behind a surface.
@@ -20,7 +22,7 @@ from PIL import Image as Pillow
 from scipy.spatial.transform import Rotation
 
 from autonerf_lab.data.images import data_url
-from autonerf_lab.errors import DataError
+from autonerf_lab.errors import DataError, MissingPackageError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.utils.extras import optional
@@ -35,6 +37,11 @@ Render = Callable[[np.ndarray, Intrinsics], Any]  # (camera-to-world, intrinsics
 SECONDS = (0.1, 0.5, 2.0)  # time budget of an image: camera moving, just stopped, resting
 FRUSTUMS = 40  # largest number of drawn training cameras
 POINTS = 30_000  # of the drawn point cloud
+# Limits of what a browser may ask for
+MAX_SIDE = 2048  # pixels of an image
+MAX_ASPECT = 8.0  # of an image, width to height and height to width
+FOV_RAD = (0.02, 3.0)  # vertical field of view
+MIN_INTERVAL = 1 / 30  # seconds between two images
 _LOOPBACK = "127.0.0.1"
 _GL_TO_CV = np.diag([1.0, -1.0, -1.0])  # viser uses OpenCV axes: z forward, y down
 
@@ -79,8 +86,15 @@ class Viewer:
         self._image: np.ndarray | None = None  # last image, (H, W, 3) uint8
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        self._server = viser.ViserServer(host=_LOOPBACK, port=port, verbose=False)
-        self.url = f"http://{_LOOPBACK}:{self._server.get_port()}"
+        from autonerf_lab.viz.viewer.guard import Guard  # its packages come with viser
+
+        guard = Guard()
+        with guard.installed():
+            self._server = viser.ViserServer(host=_LOOPBACK, port=port, verbose=False)
+        if not guard.active:
+            self._server.stop()
+            raise MissingPackageError(f"viser {viser.__version__} cannot be protected; pip install viser==1.1.1")
+        self.url = f"http://{_LOOPBACK}:{self._server.get_port()}/{guard.token}/"
         atexit.register(self.close)  # the rendering thread must not outlive the interpreter
         self._build_page()
 
@@ -150,9 +164,13 @@ class Viewer:
     def _draw(self, render: Render, seconds: tuple[float, ...], refresh: float = np.inf) -> bool:
         """Send every browser the image that is due; return False if there was none."""
         drawn = False
-        for number, client in self._server.get_clients().items():
+        clients = self._server.get_clients()
+        self._clients = {number: state for number, state in self._clients.items() if number in clients}
+        for number, client in clients.items():
             view = (client.camera.update_timestamp, self._layer.value, self._generation)
             state, now = self._clients.get(number), time.time()
+            if state is not None and now - state.sent_at < MIN_INTERVAL:
+                continue
             if state is None or state.view != view:
                 level = 0
             elif state.level < len(seconds) - 1:
@@ -174,7 +192,7 @@ class Viewer:
         camera = client.camera
         if not camera.image_height or not camera.image_width:
             return  # the window is minimised
-        rays = min(self._rays[level], camera.image_width * camera.image_height)
+        rays = min(self._rays[level], camera.image_width * camera.image_height, MAX_SIDE**2)
         intrinsics = _intrinsics(camera, rays)
         image = render(self.frame.poses_to_world(_pose(camera)), intrinsics)
         spent = time.perf_counter() - started
@@ -240,9 +258,9 @@ def _pose(camera: Any) -> np.ndarray:
 
 
 def _intrinsics(camera: Any, rays: float) -> Intrinsics:
-    """Return intrinsics that fill the window of a browser with about ``rays`` pixels."""
-    aspect = camera.image_width / camera.image_height
-    height = max(8, round(np.sqrt(rays / aspect)))
-    width = max(8, round(height * aspect))
-    focal = 0.5 / np.tan(camera.fov / 2)  # in units of the window height
+    """Return intrinsics that fill the window of a browser with about ``rays`` pixels, within the limits above."""
+    aspect = float(np.clip(camera.image_width / camera.image_height, 1 / MAX_ASPECT, MAX_ASPECT))
+    height = int(np.clip(round(np.sqrt(rays / aspect)), 8, MAX_SIDE))
+    width = int(np.clip(round(height * aspect), 8, MAX_SIDE))
+    focal = 0.5 / np.tan(np.clip(camera.fov, *FOV_RAD) / 2)  # in units of the window height
     return Intrinsics(width, height, focal / aspect * width, focal * height, width / 2, height / 2)
