@@ -4,6 +4,7 @@ CUDA trains with these functions. The CPU trains with :mod:`autonerf_lab.nerf.ke
 compare with them.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -66,24 +67,27 @@ def hash_encode(x: torch.Tensor, table: torch.Tensor, grid: HashGrid) -> torch.T
         >>> hash_encode(torch.tensor([[0.5, 0.0, 1.0]]), table, grid)
         tensor([[4.5000, 4.5000]])
     """
-    features = []
-    for resolution, offset, mask in zip(grid.resolutions, grid.offsets, grid.masks, strict=True):
-        cells = torch.as_tensor(resolution, device=x.device)
-        scaled = x * cells
-        low = torch.minimum(scaled.detach().long().clamp(min=0), cells - 1)
-        inside = scaled - low
-        total = torch.zeros(len(x), 2, dtype=table.dtype, device=x.device)
-        for corner in range(8):
-            step = torch.tensor([corner & 1, (corner >> 1) & 1, corner >> 2], device=x.device)
-            i = low + step
-            if mask:
-                row = (i[:, 0] ^ (i[:, 1] * PRIMES[1]) ^ (i[:, 2] * PRIMES[2])) & int(mask)
-            else:
-                row = i[:, 0] + (cells[0] + 1) * (i[:, 1] + (cells[1] + 1) * i[:, 2])
-            weight = torch.where(step.bool(), inside, 1 - inside).prod(dim=1)
-            total = total + weight[:, None] * table[row + int(offset)]
-        features.append(total)
-    return torch.cat(features, dim=1)
+    cells, offsets, masks = (torch.as_tensor(a, device=x.device) for a in (grid.resolutions, grid.offsets, grid.masks))
+    scaled = x[:, None] * cells  # (N, L, 3)
+    low = torch.minimum(scaled.detach().long().clamp(min=0), cells - 1)
+    inside = scaled - low
+    corners = torch.stack([low, low + 1], dim=-1)  # (N, L, 3, 2), of which each axis has two
+    primes = torch.tensor(PRIMES, device=x.device)
+    hashed = _corner_grid(corners * primes[:, None], torch.bitwise_xor)
+    strides = torch.stack([torch.ones_like(cells[:, 0]), cells[:, 0] + 1, (cells[:, 0] + 1) * (cells[:, 1] + 1)], dim=1)
+    dense = _corner_grid(corners * strides[..., None], torch.add)
+    masks, offsets = masks[:, None], offsets[:, None]
+    rows = torch.where(masks > 0, hashed & masks, dense) + offsets
+    weights = _corner_grid(torch.stack([1 - inside, inside], dim=-1), torch.mul)
+    features = table.index_select(0, rows.flatten()).view(*rows.shape, 2)
+    return (weights[..., None] * features).sum(dim=2).flatten(1)
+
+
+def _corner_grid(values: torch.Tensor, combine: Callable[[torch.Tensor, torch.Tensor], torch.Tensor]) -> torch.Tensor:
+    """Return (..., 8) combinations of the two values of each axis, (..., 3, 2), for the corners of a cell."""
+    x, y, z = values.unbind(dim=-2)
+    plane = combine(x[..., :, None], y[..., None, :])
+    return combine(plane[..., None], z[..., None, None, :]).flatten(-3)
 
 
 def spherical_harmonics(directions: Values) -> Values:
