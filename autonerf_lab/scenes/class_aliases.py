@@ -3,8 +3,8 @@
 The names are those of the category lists of Matterport3D (mpcat40), HM3D, Gibson, ScanNet, HSSD, ReplicaCAD and
 AI2-THOR, which have hundreds of spellings. A name is looked up after numbers, capitals, hyphens and underscores are
 removed; if it is not in the table, without its first words, one after another: the last word of an English compound
-says what a thing is. So "office_chair_03" is a chair, and a "tv stand" is no television. Exceptions, such as "dog bed", are names of the
-class ``background``.
+says what a thing is. So "office_chair_03" is a chair, and a "tv stand" is no television. Exceptions, such as "dog bed",
+are names of the class ``background``.
 """
 
 import re

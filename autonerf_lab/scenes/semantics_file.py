@@ -3,8 +3,8 @@
 ``{"format": "autonerf-lab semantics", "version": 1, "nodes": {"chair_12": {"class": "chair", "instance": 12, "name":
 "chair (office)"}}}``. The keys of ``nodes`` are names of the mesh file's nodes, groups or objects. ``class`` is one of
 the 16 class names or a name of the alias table (:mod:`autonerf_lab.scenes.class_aliases`), ``instance`` a positive
-number (0: the building), ``name`` any text. A mesh of one node, as in a PLY file, can have ``faces`` instead: ``{"class": [0, 3, ...], "instance": [0, 7, ...], "names": {"7": "bed"}}`` with one
-entry per triangle in file order.
+number (0: the building), ``name`` any text. A mesh of one node, as in a PLY file, can have ``faces`` instead:
+``{"class": [0, 3, ...], "instance": [0, 7, ...], "names": {"7": "bed"}}`` with one entry per triangle in file order.
 """
 
 from collections.abc import Mapping
