@@ -12,12 +12,16 @@ from .config import Preset as Preset
 from .config import preset as preset
 from .data.dataset import Dataset as Dataset
 from .data.dataset import load_dataset as load_dataset
+from .data.episodes import read_episodes as read_episodes
+from .data.episodes import write_episodes as write_episodes
 from .data.trajectory import Trajectory as Trajectory
 from .data.trajectory import load_trajectory as load_trajectory
 from .evaluators import Scores as Scores
 from .evaluators import evaluate as evaluate
 from .evaluators import export_mesh as export_mesh
 from .evaluators import extract_mesh as extract_mesh
+from .evaluators.episodes import evaluate_episodes as evaluate_episodes
+from .evaluators.episodes import sample_episodes as sample_episodes
 from .exploration import explore as explore
 from .geometry import Intrinsics as Intrinsics
 from .nerf import NeRF as NeRF

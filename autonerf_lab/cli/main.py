@@ -17,6 +17,7 @@ from tyro.conf import subcommand
 from autonerf_lab import __version__
 from autonerf_lab.cli.bench import BenchCommand
 from autonerf_lab.cli.demo import DemoCommand
+from autonerf_lab.cli.episodes import EpisodesCommand
 from autonerf_lab.cli.evaluate import EvaluateCommand
 from autonerf_lab.cli.explore import ExploreCommand
 from autonerf_lab.cli.fit import FitCommand
@@ -45,6 +46,7 @@ class CommandLine:
         | Annotated[PlayCommand, subcommand("play")]
         | Annotated[FitCommand, subcommand("fit")]
         | Annotated[EvaluateCommand, subcommand("evaluate")]
+        | Annotated[EpisodesCommand, subcommand("episodes")]
         | Annotated[MeshCommand, subcommand("mesh")]
         | Annotated[ReportCommand, subcommand("report")]
         | Annotated[PointCloudCommand, subcommand("point-cloud")]
