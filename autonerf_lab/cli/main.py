@@ -20,6 +20,7 @@ from autonerf_lab.cli.demo import DemoCommand
 from autonerf_lab.cli.episodes import EpisodesCommand
 from autonerf_lab.cli.evaluate import EvaluateCommand
 from autonerf_lab.cli.explore import ExploreCommand
+from autonerf_lab.cli.export import AdoptCommand, ExportCommand
 from autonerf_lab.cli.fit import FitCommand
 from autonerf_lab.cli.mesh import MeshCommand
 from autonerf_lab.cli.options import option
@@ -49,6 +50,8 @@ class CommandLine:
         | Annotated[EpisodesCommand, subcommand("episodes")]
         | Annotated[MeshCommand, subcommand("mesh")]
         | Annotated[ReportCommand, subcommand("report")]
+        | Annotated[ExportCommand, subcommand("export")]
+        | Annotated[AdoptCommand, subcommand("adopt")]
         | Annotated[PointCloudCommand, subcommand("point-cloud")]
         | Annotated[VideoCommand, subcommand("video")]
         | Annotated[ViewCommand, subcommand("view")]

@@ -29,7 +29,7 @@ class StageOptions:
     optional_tasks: Sequence[str] = ()  # such as "navigation"
     interest_regions: bool = False  # pose refinement samples its pixels in interest regions
     voxel: float | None = None  # of the mesh, metres; None: as in the preset
-    mesh_format: str = "glb"  # or "ply"
+    mesh_format: str = "glb"  # or "ply", "obj"
     figures: Collection[str] | None = None  # names of the figures to draw; None: all
 
 
