@@ -124,19 +124,14 @@ def make_goal_policy(policy: str | GoalPolicy | Callable[[], GoalPolicy]) -> Goa
     Raises:
         UnknownNameError: there is no such name, module or class.
     """
+    made: Any = policy
     if isinstance(policy, str):
         module, _, name = policy.partition(":")
-        if name:
-            try:
-                policy = getattr(import_module(module), name)
-            except (ImportError, AttributeError) as error:
-                raise UnknownNameError("policy", policy, GOAL_POLICIES) from error
-        elif policy in GOAL_POLICIES:
-            policy = GOAL_POLICIES[policy]
-        else:
-            raise UnknownNameError("policy", policy, [*GOAL_POLICIES, "module:Class"])
-    made: Any = policy() if isinstance(policy, type) or not hasattr(policy, "act") else policy
-    return made
+        try:
+            made = getattr(import_module(module), name) if name else GOAL_POLICIES[policy]
+        except (ImportError, AttributeError, KeyError) as error:
+            raise UnknownNameError("policy", policy, [*GOAL_POLICIES, "module:Class"]) from error
+    return made() if isinstance(made, type) or not hasattr(made, "act") else made
 
 
 def evaluate_episodes(
@@ -190,15 +185,11 @@ def evaluate_episodes(
     valid = [row for row in rows if not row["status"]]
     left_out = [row["status"] for row in rows if row["status"]]
     status = f"{len(left_out)} episodes left out: {left_out[0]}" if left_out else "ok"
-    common = {
-        "n": len(valid),
-        "scene": scene.name,
-        "policy": policy if isinstance(policy, str) else type(actor).__name__,
-    }
+    name = policy if isinstance(policy, str) else type(actor).__name__
 
     def row(metric: str, factor: float, unit: str) -> Score:
         value = factor * float(np.mean([row[metric] for row in valid])) if valid else None
-        return Score(kind, metric, value, unit, status, seed=seed, **common)
+        return Score(kind, metric, value, unit, status, len(valid), scene=scene.name, policy=name, seed=seed)
 
     found = [row("success", 100.0, "%"), row("spl", 100.0, "%"), row("distance_to_goal", 1.0, "m")]
     return Scores(found, {"episodes": {"rows": rows}})

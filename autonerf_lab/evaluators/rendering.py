@@ -181,7 +181,7 @@ def evaluate_rendering(
     confusion = np.zeros((NUM_CLASSES, NUM_CLASSES), dtype=np.int64)
     depth_errors: list[np.ndarray] = [np.zeros(0, np.float32)]
     stored: list[dict[str, np.ndarray | None]] = []
-    poses = []
+    poses: list[np.ndarray] = []
     for target in views:
         image = field.render(target.c2w, target.intrinsics)
         true_rgb = target.rgb.astype(np.float32) / 255

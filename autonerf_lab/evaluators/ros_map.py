@@ -70,10 +70,8 @@ def write_map(states: np.ndarray, grid: MapGrid, path: Path) -> Path:
     grey = np.full(states.shape, _GREY[CellState.UNKNOWN], np.uint8)
     for state, value in _GREY.items():
         grey[states == state] = value
-    image = path.with_suffix(".pgm")
-    write_bytes(
-        image, f"P5\n{grey.shape[1]} {grey.shape[0]}\n255\n".encode() + grey[::-1].tobytes()
-    )  # row 0: largest y
+    image, (rows, columns) = path.with_suffix(".pgm"), grid.shape
+    write_bytes(image, f"P5\n{columns} {rows}\n255\n".encode() + grey[::-1].tobytes())  # row 0: largest y
     x, y = (float(value) for value in grid.origin)
     text = (
         "# Frame: world of the radiance field (ROS: map), metres, z up.\n"

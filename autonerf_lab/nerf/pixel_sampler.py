@@ -77,8 +77,8 @@ class PixelSampler:
         labels = self.labels if self._used is None else self.labels[self._used]
         sizes = np.bincount(labels)
         chances = np.cumsum(np.sqrt(sizes))
-        by_label = np.argsort(labels, kind="stable").astype(np.int32)
-        by_label = by_label if self._used is None else self._used[by_label]
+        order: np.ndarray = np.argsort(labels, kind="stable").astype(np.int32)
+        by_label = order if self._used is None else self._used[order]
         return by_label, sizes, np.cumsum(sizes) - sizes, chances / chances[-1]
 
     def rays(self, pixels: np.ndarray) -> Rays:

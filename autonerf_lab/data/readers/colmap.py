@@ -89,11 +89,13 @@ def _camera(model: tuple[str, str], size: tuple[int, int], values: list[float], 
 
 
 def _model(key: object, where: str) -> tuple[str, str]:
-    known = {**MODELS, **{name: (name, text) for name, text in MODELS.values()}}
+    known: dict[object, tuple[str, str]] = {}
+    for number, model in MODELS.items():
+        known |= {number: model, model[0]: model}
     if key not in known:
         names = ", ".join(name for name, _ in MODELS.values())
         raise DataError(f"{where}: the camera model {str(key)[:40]!r} is not one of {names}; undistort the images")
-    return known[key]  # type: ignore[index]
+    return known[key]
 
 
 def _cameras_text(folder: Path) -> dict[int, Camera]:

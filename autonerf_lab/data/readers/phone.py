@@ -8,7 +8,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from autonerf_lab.data.images import image_size
 from autonerf_lab.data.posed_frames import PosedFrames, fit_camera
 from autonerf_lab.data.readers.text import Y_UP, quaternion_pose
 from autonerf_lab.data.transforms import read_pose
@@ -38,7 +37,8 @@ def read_polycam(folder: Path) -> PosedFrames:
         files.append(_existing(keyframes / f"{kind}images/{path.stem}.jpg", path))
         depths.append(keyframes / f"depth/{path.stem}.png")
         size = int(values["width"]), int(values["height"])
-        cameras.append(_camera(size, *(values[key] for key in ("fx", "fy", "cx", "cy")), path, files[-1]))
+        focal, center = (values["fx"], values["fy"]), (values["cx"], values["cy"])
+        cameras.append(_camera(size, focal, center, path, files[-1]))
     if not files:
         raise DataError(f"{keyframes / f'{kind}cameras'} holds no *.json")
     whole = [*depths] if all(depth.is_file() for depth in depths) else None
@@ -67,19 +67,20 @@ def read_record3d(folder: Path) -> PosedFrames:
         if len(values) != 7 or not all(abs(value) < 1e9 for value in values):
             raise DataError(f"{where} must have 7 finite numbers: a quaternion x y z w and a position")
         poses.append(read_pose((Y_UP @ quaternion_pose(values[:4], values[4:], where)).tolist(), where))
-        cameras.append(_camera((data.w, data.h), data.K[0], data.K[4], data.K[6], data.K[7], path, file))
+        cameras.append(_camera((data.w, data.h), (data.K[0], data.K[4]), (data.K[6], data.K[7]), path, file))
     if not poses:
         raise DataError(f"{path} has no pose")
     return PosedFrames(folder, np.stack(poses), found, cameras, {"format": "Record3D"}, True)
 
 
 def _camera(
-    size: tuple[int, int], fl_x: float, fl_y: float, cx: float, cy: float, path: Path, file: Path
+    size: tuple[int, int], focal: tuple[float, float], center: tuple[float, float], path: Path, file: Path
 ) -> Intrinsics:
-    if not all(1 <= side <= 16384 for side in size) or min(fl_x, fl_y) < 1:
-        raise DataError(f"{path}: the image size {size[0]}x{size[1]} or the focal length {fl_x:g} is not plausible")
-    image_size(file)
-    return fit_camera(Intrinsics(*size, fl_x, fl_y, cx, cy), file)
+    if not all(1 <= side <= 16384 for side in size) or min(focal) < 1:
+        raise DataError(
+            f"{path}: the image size {size[0]}x{size[1]} or the focal length {min(focal):g} is not plausible"
+        )
+    return fit_camera(Intrinsics(*size, *focal, *center), file)
 
 
 def _existing(file: Path, source: Path) -> Path:

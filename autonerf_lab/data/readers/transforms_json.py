@@ -27,7 +27,7 @@ def read_transforms_json(path: Path) -> PosedFrames:
         for key in ("depth", "semantics")
         if all(frame.get(f"{key}_file_path") is not None for frame in frames)
     }
-    masks = None
+    masks: list[Path | None] | None = None
     if all(frame.get("mask_path") is not None for frame in frames):
         masks = [*data.files("mask_path", shared=True)]
     cameras, rotated, lenses = [], [], []
@@ -68,7 +68,10 @@ def read_blender(folder: Path) -> PosedFrames:
         cameras=[camera for part in parts.values() for camera in part.cameras],
         rotated=[turn for part in parts.values() for turn in part.rotated or ()],
         meta=first.meta | meta,
-        **dict.fromkeys(("depths", "semantics", "masks", "lenses")),
+        depths=None,
+        semantics=None,
+        masks=None,
+        lenses=None,
     )
 
 

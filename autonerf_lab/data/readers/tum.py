@@ -52,7 +52,10 @@ def read_tum(folder: Path) -> PosedFrames:
 
 def _camera(folder: Path) -> Intrinsics:
     if (folder / "camera.txt").is_file():
-        number, line = read_lines(folder / "camera.txt")[0]
+        lines = read_lines(folder / "camera.txt")
+        if not lines:
+            raise DataError(f"{folder / 'camera.txt'} is empty; write: width height fx fy cx cy")
+        number, line = lines[0]
         words = line.split()
         values = numbers(words, 11 if len(words) > 6 else 6, f"{folder / 'camera.txt'}: line {number}")
         width, height, *rest = values

@@ -96,8 +96,8 @@ class HabitatDataset:
 
     def inside(self, folder: Path, name: str, where: str) -> Path:
         """Return the path of a file relative to a folder, which must lie inside the dataset."""
-        file = Path(os.path.normpath(folder / name.replace("\\", "/"))) if "\0" not in name else folder
-        if not file.is_relative_to(self.root) or file == folder:
+        file = Path(os.path.normpath(folder / name.replace("\\", "/")))
+        if "\0" in name or not file.is_relative_to(self.root):
             raise SceneError(f"{where}: {name[:80]!r} is outside {self.root}; move the file into it")
         return file
 
@@ -142,9 +142,9 @@ class HabitatDataset:
             return
         count = 0
         for pattern in group.paths.get(".glb" if ending == ".glb" else ".json", []):
-            self.inside(self.path.parent, pattern, f"{self.path}: 'paths'")
+            place = self.inside(self.path.parent, pattern, f"{self.path}: 'paths'")
             try:
-                found = sorted(self.path.parent.glob(os.path.normpath(pattern)))
+                found = [place] if place == self.root else sorted(self.root.glob(str(place.relative_to(self.root))))
             except (ValueError, NotImplementedError, OSError, IndexError) as error:
                 raise SceneError(f"{self.path}: 'paths': {pattern[:80]!r} is not a pattern: {error}") from error
             for place in found:
