@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fuzz_sources import make_sources
 from PIL import Image
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -349,7 +350,7 @@ def main() -> None:
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as folder:
-        forms = make_formats(Path(folder))
+        forms = [*make_formats(Path(folder)), *(Format(*entry) for entry in make_sources(Path(folder) / "sources"))]
         only = arguments.only.split(",") if arguments.only else [form.name for form in forms]
         mutants = 100 if arguments.quick else arguments.mutants
         rows = [attack(form, mutants, arguments.first, arguments.seed) for form in forms if form.name in only]

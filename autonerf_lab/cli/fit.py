@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
@@ -14,9 +14,10 @@ from autonerf_lab.errors import DataError
 class FitCommand:
     """Train a radiance field on the trajectory of a run, or on photographs with poses (needs --out).
 
-    For a run, the field is written to RUN/nerf. Photographs are a folder with a transforms.json of nerfstudio or
-    instant-ngp. The test set of the file is held out, or else every eighth photograph. The field is written to
-    OUT/nerf, and its scores on the held-out photographs to OUT/scores.json.
+    For a run, the field is written to RUN/nerf. Photographs are a folder of nerfstudio, instant-ngp, Blender, COLMAP,
+    Polycam or Record3D, or an RGB-D sequence of TUM, ScanNet or Replica; --poses colmap finds the poses of others. The
+    test set of the folder is held out, or else every eighth photograph. The field is written to OUT/nerf, and its
+    scores on the held-out photographs to OUT/scores.json.
     """
 
     folder: Annotated[Positional[Path], option(help="Run folder, or folder of photographs.")]
@@ -27,6 +28,10 @@ class FitCommand:
         option(metavar="NAME", help="Preset, for photographs only.", default="AUTONERF_LAB_PRESET, else fast"),
     ] = None
     seed: Annotated[int | None, option(metavar="INT", help="Random seed, for photographs only.", default="0")] = None
+    poses: Annotated[
+        Literal["colmap"] | None,
+        option(metavar="colmap", help="Estimate the poses of photographs with COLMAP.", default="those in the folder"),
+    ] = None
     overwrite: Overwrite = False
     lpips: LpipsOptions = NO_LPIPS
 
@@ -36,9 +41,10 @@ class FitCommand:
         from autonerf_lab.pipeline import photographs
 
         if self.out is None:
-            if self.preset is not None or self.seed is not None:
+            if self.preset is not None or self.seed is not None or self.poses is not None:
                 raise DataError(
-                    f"{self.folder}: a run has its own preset and seed; --preset and --seed need photographs and --out"
+                    f"{self.folder}: a run has its own preset, seed and poses; --preset, --seed and --poses need "
+                    "photographs and --out"
                 )
             if photographs.is_photograph_folder(self.folder):
                 raise DataError(f"{self.folder} holds photographs, not a run: give the output folder with --out")
@@ -49,6 +55,6 @@ class FitCommand:
             return
         scores = photographs.fit_photographs(
             self.folder, self.out, self.model, self.preset, self.seed or 0,
-            overwrite=self.overwrite, lpips=self.lpips.load(),
+            overwrite=self.overwrite, lpips=self.lpips.load(), poses=self.poses,
         )  # fmt: skip
         print(f"\n{scores.table()}\n\nfield: {self.out / 'nerf'}")

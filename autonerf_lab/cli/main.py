@@ -17,8 +17,10 @@ from tyro.conf import subcommand
 from autonerf_lab import __version__
 from autonerf_lab.cli.bench import BenchCommand
 from autonerf_lab.cli.demo import DemoCommand
+from autonerf_lab.cli.episodes import EpisodesCommand
 from autonerf_lab.cli.evaluate import EvaluateCommand
 from autonerf_lab.cli.explore import ExploreCommand
+from autonerf_lab.cli.export import AdoptCommand, ExportCommand
 from autonerf_lab.cli.fit import FitCommand
 from autonerf_lab.cli.mesh import MeshCommand
 from autonerf_lab.cli.options import option
@@ -46,8 +48,11 @@ class CommandLine:
         | Annotated[PlayCommand, subcommand("play")]
         | Annotated[FitCommand, subcommand("fit")]
         | Annotated[EvaluateCommand, subcommand("evaluate")]
+        | Annotated[EpisodesCommand, subcommand("episodes")]
         | Annotated[MeshCommand, subcommand("mesh")]
         | Annotated[ReportCommand, subcommand("report")]
+        | Annotated[ExportCommand, subcommand("export")]
+        | Annotated[AdoptCommand, subcommand("adopt")]
         | Annotated[PointCloudCommand, subcommand("point-cloud")]
         | Annotated[VideoCommand, subcommand("video")]
         | Annotated[ViewCommand, subcommand("view")]

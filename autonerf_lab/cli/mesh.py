@@ -13,7 +13,7 @@ class MeshCommand:
     folder: RunPath
     overwrite: Overwrite = False
     voxel: Annotated[float | None, option(metavar="METRES", help="Voxel size.", default="from the preset")] = None
-    format: Annotated[str, option(metavar="GLB|PLY", help="File format: glb (y up) or ply (z up).")] = "glb"
+    format: Annotated[str, option(metavar="GLB|PLY|OBJ", help="File format: glb or obj (y up), or ply (z up).")] = "glb"
 
     def run(self) -> None:
         """Run the stage."""

@@ -1,9 +1,10 @@
 """``autonerf-lab scenes``: list, show, generate, import and export scenes."""
 
 import io
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, subcommand
 
@@ -71,9 +72,22 @@ class ScenesGenerateCommand:
 
 @dataclass(frozen=True)
 class ScenesImportCommand:
-    """Import a scan (GLB, OBJ, PLY) and align its floor, or furnish a floor plan (HouseExpo JSON)."""
+    """Import a scan (GLB, OBJ, PLY) or a scene of a Habitat dataset, or furnish a floor plan (HouseExpo JSON).
 
-    path: Annotated[Positional[Path], option(help="Input file.")]
+    Prints what was found: the up axis and why, floors, classes, and what was left out or is doubtful.
+    """
+
+    path: Annotated[
+        Positional[Path], option(help="Input file: mesh, *.scene_instance.json, *.stage_config.json, or floor plan.")
+    ]
+    up: Annotated[
+        Literal["y", "z"] | None,
+        option(metavar="y|z", help="Axis that points up in the file.", default="found by the level surfaces"),
+    ] = None
+    aliases: Annotated[
+        Path | None,
+        option(metavar="FILE", help='JSON file of names that stand for classes, such as {"wing chair": "chair"}.'),
+    ] = None
     out: Annotated[
         Path | None, option(metavar="FILE", help="Output file: .glb, or .json for a furnished floor plan.")
     ] = None
@@ -82,8 +96,12 @@ class ScenesImportCommand:
         """Import the scene and, with --out, write it."""
         from autonerf_lab.scenes import import_scene
 
-        scene = import_scene(self.path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # the report shows them
+            scene = import_scene(self.path, self.up, self.aliases)
         print(scene)
+        if scene.import_report is not None:
+            print(scene.import_report)
         if self.out is not None:
             _write_scene(scene, self.out)
 

@@ -1,24 +1,21 @@
-"""Posed images with any cameras: a nerfstudio or instant-ngp ``transforms.json``, or a trajectory of this package.
+"""Posed images with any cameras: photographs, RGB-D sequences, or a trajectory of this package.
 
 Poses stay in the frame and units of the file. ``applied_transform`` is not applied; it is stored in ``meta``.
 """
 
-import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from autonerf_lab.data.images import image_size, is_rotated, parallel, read_classes, read_depth, read_rgb, resample
+from autonerf_lab.data.posed_frames import read_images
+from autonerf_lab.data.readers import read_frames
 from autonerf_lab.data.trajectory import Trajectory, describe
-from autonerf_lab.data.transforms import CAMERA_KEYS, announced_size, read_camera, read_path, read_transforms
+from autonerf_lab.data.transforms import read_path
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
-
-_LAYERS = {"depth_file_path": (read_depth, 4), "semantics_file_path": (read_classes, 1)}  # reader, bytes per pixel
 
 
 @dataclass(frozen=True, eq=False)  # equality of arrays has no single truth value
@@ -44,6 +41,7 @@ class Dataset:
     names: list[str]  # file of each frame, for messages
     meta: dict[str, Any]  # JSON: the file's other keys
     metric: bool  # True for trajectories: metres, indoors. False for photographs: unknown scale and background
+    masks: list[np.ndarray] | None = None  # T arrays (H_t, W_t) bool, True: the pixel is used; None: all are
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -76,7 +74,7 @@ class Dataset:
         for t, (c2w, camera, name) in enumerate(zip(self.poses, self.intrinsics, self.names, strict=True)):
             if not (np.abs(c2w[:3, :3] @ c2w[:3, :3].T - np.eye(3)) < 1e-3).all() or not np.isfinite(c2w).all():
                 raise DataError(f"{name}: the pose is not a rigid camera-to-world pose of finite numbers")
-            for layer in (self.images, self.semantics, self.depths):
+            for layer in (self.images, self.semantics, self.depths, self.masks):
                 if layer is not None and layer[t].shape[:2] != (camera.height, camera.width):
                     height, width = layer[t].shape[:2]
                     size = f"{camera.width}x{camera.height}"
@@ -137,130 +135,51 @@ class Dataset:
             intrinsics=[self.intrinsics[t] for t in frames],
             semantics=self.semantics and [self.semantics[t] for t in frames],
             depths=self.depths and [self.depths[t] for t in frames],
+            masks=self.masks and [self.masks[t] for t in frames],
             names=[self.names[t] for t in frames],
         )
 
 
-def load_dataset(folder: str | Path, *, max_bytes: int = 1 << 30) -> Dataset:
-    """Read posed photographs: the ``transforms.json`` of nerfstudio, instant-ngp or :meth:`Trajectory.save`.
+def load_dataset(folder: str | Path, *, max_bytes: int = 1 << 30, colmap: str | Path | None = None) -> Dataset:
+    """Read posed photographs or an RGB-D sequence; the format is recognised by the files in the folder.
 
-    Intrinsics are scaled to images that are smaller than announced. Transparent pixels become white. Depth (16-bit PNG,
-    millimetres) and semantics are read if every frame has them.
+    Formats: the ``transforms.json`` of nerfstudio, instant-ngp or :meth:`Trajectory.save`; Blender's synthetic scenes
+    (``transforms_train.json``, ...); COLMAP models, text or binary; TUM RGB-D; ScanNet as exported folders; Replica as
+    rendered for NICE-SLAM; exports of Polycam and Record3D.
+
+    Intrinsics are scaled to images that are smaller than announced. Transparent pixels become white. Depth (16-bit PNG)
+    and semantics are read if every frame has them. Masked pixels are neither trained on nor scored. Images of a fisheye
+    lens (OpenCV's model) are rectified to a pinhole camera of the same focal length, which crops their borders.
 
     Args:
-        folder: holds ``transforms.json``; or the path of such a file under another name.
+        folder: the folder; or the path of a file like ``transforms.json`` under another name.
         max_bytes: limit for the decoded images. Larger datasets are downscaled by the smallest whole factor that fits,
             with a UserWarning.
+        colmap: folder of a COLMAP model of the photographs, if it is not in their folder.
 
     Raises:
-        DataError: a file is missing or damaged, a camera is not supported, a pose is not valid, or there are fewer
-            than two different poses. The message names the file or frame.
+        DataError: no format is recognised, a file is missing or damaged, a camera is not supported, a pose is not
+            valid, or there are fewer than two different poses. The message names the file or frame.
 
     Example:
         >>> load_dataset("/nowhere")
         Traceback (most recent call last):
-        autonerf_lab.errors.DataError: /nowhere/transforms.json does not exist; give a folder of posed photographs, \
+        autonerf_lab.errors.DataError: /nowhere does not exist; give a folder of posed photographs, \
 or the path of its JSON file
     """
     path = Path(folder)
-    path = path if path.suffix == ".json" else path / "transforms.json"
-    if not path.is_file():
-        others = ", ".join(sorted(file.name for file in path.parent.glob("transforms*.json")))
-        hint = f"there is {others}" if others else "give a folder of posed photographs, or the path of its JSON file"
-        raise DataError(f"{path} does not exist; {hint}")
-    data = read_transforms(path)
-    content, frames = data.content, data.frames
-    meta = {key: value for key, value in content.items() if key not in CAMERA_KEYS | {"frames", "autonerf_lab"}}
-    if len(frames) < 2 or not np.ptp(data.poses, axis=0).any():
-        raise DataError(f"{path}: photographs from two different poses are needed, not {len(frames)} from one")
-    files = data.files("file_path")
-    layers = {key: data.files(key) for key in _LAYERS if all(frame.get(key) is not None for frame in frames)}
-    views = [
-        _view(content, frame, file, data.where(t)) for t, (frame, file) in enumerate(zip(frames, files, strict=True))
-    ]
-    for names in layers.values():
-        for file, (camera, _) in zip(names, views, strict=True):
-            if not _same_aspect(image_size(file), (camera.width, camera.height)):
-                raise DataError(
-                    f"{file} must have the aspect ratio of its image, {camera.width}x{camera.height} pixels"
-                )
-    shrink = _shrink_factor(
-        [camera for camera, _ in views], 3 + sum(_LAYERS[key][1] for key in layers), max_bytes, path
-    )
-
-    images: list[np.ndarray] = [np.empty(0)] * len(frames)
-    arrays: dict[str, list[np.ndarray]] = {key: [np.empty(0)] * len(frames) for key in layers}
-
-    def read(t: int) -> None:
-        camera, rotate = views[t]
-        images[t] = read_rgb(files[t], rotate, shrink)
-        for key, names in layers.items():
-            arrays[key][t] = resample(_LAYERS[key][0](names[t]), (camera.width, camera.height), shrink)
-
-    parallel(read, len(frames))
+    frames = read_frames(path, None if colmap is None else Path(colmap))
+    if len(frames.files) < 2 or not np.ptp(frames.poses, axis=0).any():
+        raise DataError(f"{path}: photographs from two different poses are needed, not {len(frames.files)} from one")
+    images, intrinsics, layers = read_images(frames, max_bytes)
     return Dataset(
-        data.poses,
+        frames.poses,
         images,
-        [_shrunk(camera, shrink) for camera, _ in views],
-        arrays.get("semantics_file_path"),
-        arrays.get("depth_file_path"),
-        [file.relative_to(path.parent).as_posix() for file in files],
-        meta | data.meta,
-        "autonerf_lab" in content,
-    )
-
-
-def _view(content: dict, frame: dict, file: Path, where: str) -> tuple[Intrinsics, bool]:
-    """Return the intrinsics of a stored image, and True if EXIF must rotate it.
-
-    Most structure-from-motion programs use the pixels as stored, so EXIF is used only if the announced size agrees
-    with the rotated image alone.
-    """
-    size = image_size(file)
-    announced = announced_size(content, frame, where) or size
-    camera = read_camera(content, frame, announced, where)
-    rotate = False
-    if not _same_aspect(size, announced):
-        rotate = _same_aspect(size[::-1], announced) and is_rotated(file)
-        if not rotate:
-            raise DataError(
-                f"{file} has {size[0]}x{size[1]} pixels, but its frame has {announced[0]}x{announced[1]}: the aspect "
-                "ratios differ; correct 'w' and 'h', or the image"
-            )
-    return camera if size == announced else camera.resized(*(size[::-1] if rotate else size)), rotate
-
-
-def _same_aspect(a: tuple[int, int], b: tuple[int, int]) -> bool:
-    """Return True if two sizes differ by a common factor, up to one pixel of rounding."""
-    return abs(a[0] * b[1] - a[1] * b[0]) < max(b)
-
-
-def _shrink_factor(cameras: Iterable[Intrinsics], pixel_bytes: int, max_bytes: int, path: Path) -> int:
-    """Return the smallest whole factor by which the images fit into ``max_bytes``."""
-    sizes = np.array([(camera.height, camera.width) for camera in cameras])
-    for factor in count(1):
-        need = int(np.prod(-(-sizes // factor), axis=1).sum()) * pixel_bytes
-        if need <= max_bytes:
-            break
-        if factor > sizes.max():
-            raise DataError(
-                f"{path}: {len(sizes)} images do not fit into max_bytes={max_bytes}; use a larger max_bytes"
-            )
-    if factor > 1:
-        warnings.warn(
-            f"{path}: the images are downscaled {factor} times to fit into max_bytes={max_bytes}", stacklevel=3
-        )
-    return factor
-
-
-def _shrunk(camera: Intrinsics, factor: int) -> Intrinsics:
-    """Return the intrinsics of a downscaled image; its last row and column may be means of fewer pixels."""
-    return replace(
-        camera,
-        width=-(-camera.width // factor),
-        height=-(-camera.height // factor),
-        fl_x=camera.fl_x / factor,
-        fl_y=camera.fl_y / factor,
-        cx=camera.cx / factor,
-        cy=camera.cy / factor,
+        intrinsics,
+        layers.get("semantics"),
+        layers.get("depths"),
+        [file.relative_to(frames.root).as_posix() for file in frames.files],
+        frames.meta,
+        frames.metric,
+        layers.get("masks"),
     )

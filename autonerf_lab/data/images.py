@@ -79,8 +79,8 @@ def read_rgb(file: Path, rotate: bool = False, shrink: int = 1, png_size: tuple[
         return np.array(image.convert("RGB").reduce(shrink))
 
 
-def read_depth(file: Path, png_size: tuple[int, int] | None = None) -> np.ndarray:
-    """Read a 16-bit PNG of millimetres as (H, W) float32 metres.
+def read_depth(file: Path, png_size: tuple[int, int] | None = None, unit: float = 0.001) -> np.ndarray:
+    """Read a 16-bit PNG of depth as (H, W) float32 metres; ``unit`` is the length of one step of its values, metres.
 
     Raises:
         DataError: the file is damaged, or not a 16-bit PNG (of the given size).
@@ -88,7 +88,17 @@ def read_depth(file: Path, png_size: tuple[int, int] | None = None) -> np.ndarra
     array = _read_integers(file, png_size)
     if array.dtype.itemsize < 2:
         raise DataError(f"{file} must be a 16-bit PNG of millimetres; remove 'depth_file_path' if it has no depth")
-    return array.astype(np.float32) / np.float32(1000)
+    return array.astype(np.float32) / np.float32(round(1 / unit, 6))
+
+
+def read_mask(file: Path) -> np.ndarray:
+    """Read a mask as (H, W) bool: True where the image is used, which is where the mask is not black.
+
+    Raises:
+        DataError: the file is damaged, or not a PNG, JPEG or WebP image.
+    """
+    with _opened(file, None, _FORMATS) as image:
+        return np.asarray(image.convert("L")) > 0
 
 
 def read_classes(file: Path, png_size: tuple[int, int] | None = None) -> np.ndarray:

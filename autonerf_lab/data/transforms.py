@@ -39,8 +39,8 @@ class Transforms:
         """Return the name of a frame for messages."""
         return f"{self.path}: frame {t}"
 
-    def files(self, key: str) -> list[Path]:
-        """Return the file of each frame under a key, such as ``file_path``.
+    def files(self, key: str, shared: bool = False) -> list[Path]:
+        """Return the file of each frame under a key, such as ``file_path``; ``shared``: frames may share one.
 
         Raises:
             DataError: a file does not exist, or two frames share one.
@@ -55,7 +55,7 @@ class Transforms:
             )
         first: dict[Path, int] = {}
         for t, file in enumerate(files := [file for file in found if file]):
-            if first.setdefault(file, t) != t:
+            if first.setdefault(file, t) != t and not shared:
                 raise DataError(
                     f"{self.path}: frames {first[file]} and {t} share the {key!r} {names[t]!r}; remove one of them"
                 )
@@ -172,7 +172,7 @@ def read_camera(content: dict, frame: dict, size: tuple[int, int], where: object
         model = str(both["camera_model"])[:40]
         raise DataError(f"{where}: the camera model {model!r} is not one of {', '.join(_MODELS)}; {_UNDISTORT}")
     if both.get("is_fisheye") not in (None, False):
-        raise DataError(f"{where}: 'is_fisheye' is set, and fisheye lenses are not supported; {_UNDISTORT}")
+        raise DataError(f"{where}: 'is_fisheye' is set, and a trajectory has no fisheye lens; {_UNDISTORT}")
     for name in _UNSUPPORTED:
         if number(both.get(name, 0), name, where):
             raise DataError(

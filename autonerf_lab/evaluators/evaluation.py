@@ -67,8 +67,9 @@ def evaluate(
     Args:
         nerf: a trained NeRF, or an object with the interface :class:`~autonerf_lab.evaluators.RadianceField`.
         scene: the scene of the field, as ground truth. Or the held-out part of :meth:`Dataset.split`: the only task is
-            then ``held_out``, with PSNR, SSIM, LPIPS and FLIP, and with accuracy and IoU of the classes if there are
-            labels, as means over the photographs; ``preset`` and ``seed`` have no effect.
+            then ``held_out``, with PSNR, SSIM, LPIPS and FLIP, as means over the photographs, with accuracy and IoU of
+            the classes if there are labels, and with the median depth error if there is depth in metres; ``preset`` and
+            ``seed`` have no effect.
         preset: settings of the tasks.
         seed: random seed of test poses, planning episodes, random pixels and mesh samples.
         tasks: names in :data:`~autonerf_lab.evaluators.TASKS`, or of installed packages. Default: all built-in tasks
@@ -215,7 +216,8 @@ def _score_photographs(
         result = evaluate_rendering(nerf, photographed_views(data), bar.update, lpips)
     seconds = time.perf_counter() - start
     classes = () if result.status.get("miou") == "no labels" else ("per_class_accuracy", "miou")
-    names = ("psnr", "ssim", *(("lpips",) if lpips else ()), "flip", *classes)
+    depth = ("depth_median_error_m",) if data.metric and data.depths is not None else ()
+    names = ("psnr", "ssim", *(("lpips",) if lpips else ()), "flip", *classes, *depth)
     metrics = [METRICS["rendering", name] for name in names]
     common = {key: nerf.meta.get(key) or default for key, default in (("scene", ""), ("preset", ""), ("seed", 0))}
     scores = Scores(

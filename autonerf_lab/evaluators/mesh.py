@@ -206,11 +206,11 @@ def semantic_mesh(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
 
 
 def export_mesh(mesh: "trimesh.Trimesh", path: str | Path) -> Path:
-    """Write a mesh to a PLY file (world frame, z up) or a GLB file (y up, as glTF requires), in metres.
+    """Write a mesh to a PLY file (world frame, z up), or to a GLB or OBJ file (y up, as glTF requires), in metres.
 
     Args:
         mesh: world frame, metres.
-        path: ends in ``.ply`` or ``.glb``.
+        path: ends in ``.ply``, ``.glb`` or ``.obj``.
 
     Returns:
         The path.
@@ -220,14 +220,15 @@ def export_mesh(mesh: "trimesh.Trimesh", path: str | Path) -> Path:
     """
     path = Path(path)
     kind = path.suffix.lower().lstrip(".")
-    if kind not in ("ply", "glb"):
-        raise DataError(f"{path}: the suffix of a mesh file must be .ply or .glb")
+    if kind not in ("ply", "glb", "obj"):
+        raise DataError(f"{path}: the suffix of a mesh file must be .ply, .glb or .obj")
     if not len(mesh.faces):
         raise DataError(f"{path}: the mesh is empty: the field has no surface that a training view has seen")
     # Copy without attributes: glTF does not allow integer vertex attributes, and viewers reject them.
     bare: Any = mesh.copy()
     bare.vertex_attributes.clear()
-    if kind == "glb":
+    if kind != "ply":
         bare.apply_transform(_Z_UP_TO_Y_UP)
-    storage.write_bytes(path, bare.export(file_type=kind))
+    content = bare.export(file_type=kind)
+    storage.write_bytes(path, content.encode() if isinstance(content, str) else content)
     return path

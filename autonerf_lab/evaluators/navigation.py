@@ -17,6 +17,7 @@ easy episodes, so the navigable areas are reported too (``ground_m2`` in the det
 """
 
 import tempfile
+import warnings
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -122,7 +123,9 @@ def mesh_scene(mesh: "trimesh.Trimesh") -> Scene:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mesh.glb"
         try:
-            scene = import_scene(export_mesh(mesh, path))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # a poor reconstruction is an implausible scan
+                scene = import_scene(export_mesh(mesh, path), up="y")
         except DataError as error:  # do not name the temporary file
             raise type(error)(str(error).replace(str(path), "the mesh")) from error
     center = mesh.bounds.mean(axis=0) * (1, 1, 0)  # the import moves the centre and the floor to zero

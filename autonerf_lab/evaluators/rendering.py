@@ -28,6 +28,7 @@ from skimage.metrics import structural_similarity
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.lpips import MIN_SIDE, Lpips
 from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.evaluators.radiance_field import RadianceField
@@ -53,6 +54,7 @@ class TargetView:
     rgb: np.ndarray  # (H, W, 3) uint8
     depth: np.ndarray | None  # (H, W) float32, along the optical axis, 0 = none
     semantics: np.ndarray | None  # (H, W) uint8, class index
+    mask: np.ndarray | None = None  # (H, W) bool, True: the pixel is scored; None: all are
 
 
 def simulated_views(sim: "Simulator", poses: np.ndarray) -> Iterator[TargetView]:
@@ -65,8 +67,8 @@ def simulated_views(sim: "Simulator", poses: np.ndarray) -> Iterator[TargetView]
 def photographed_views(data: Dataset) -> Iterator[TargetView]:
     """Yield the photographs of a dataset, each with its own camera."""
     for t, c2w in enumerate(data.poses):
-        depth, semantics = (None if layer is None else layer[t] for layer in (data.depths, data.semantics))
-        yield TargetView(c2w, data.intrinsics[t], data.images[t], depth, semantics)
+        layers = (None if layer is None else layer[t] for layer in (data.depths, data.semantics, data.masks))
+        yield TargetView(c2w, data.intrinsics[t], data.images[t], *layers)
 
 
 def sample_test_poses(sim: "Simulator", count: int, seed: int = 0) -> np.ndarray:
@@ -179,21 +181,25 @@ def evaluate_rendering(
     confusion = np.zeros((NUM_CLASSES, NUM_CLASSES), dtype=np.int64)
     depth_errors: list[np.ndarray] = [np.zeros(0, np.float32)]
     stored: list[dict[str, np.ndarray | None]] = []
-    poses = []
+    poses: list[np.ndarray] = []
     for target in views:
         image = field.render(target.c2w, target.intrinsics)
         true_rgb = target.rgb.astype(np.float32) / 255
         rgb = np.clip(np.nan_to_num(image.rgb), 0, 1).astype(np.float32)
-        values["psnr"].append(psnr(rgb, true_rgb))
+        scored = np.ones(rgb.shape[:2], bool) if target.mask is None else target.mask
+        if not scored.any():
+            raise DataError(f"the mask of test view {len(poses)} excludes all pixels; hold out another one")
+        values["psnr"].append(psnr(rgb, true_rgb) if scored.all() else psnr(rgb[scored], true_rgb[scored]))
+        rgb[~scored] = true_rgb[~scored]  # SSIM, FLIP and LPIPS see no error where the image is masked
         values["ssim"].append(ssim(rgb, true_rgb) if min(rgb.shape[:2]) >= 11 else np.nan)
         mean_flip, flip_map = flip(rgb, true_rgb)
         values["flip"].append(mean_flip)
         if lpips:
             values["lpips"].append(lpips(rgb, true_rgb) if min(rgb.shape[:2]) >= MIN_SIDE else np.nan)
         if image.semantics is not None and target.semantics is not None:
-            confusion += confusion_matrix(image.semantics, target.semantics)
+            confusion += confusion_matrix(image.semantics[scored], target.semantics[scored])
         if target.depth is not None:
-            depth_errors.append(np.abs(image.depth - target.depth)[target.depth > 0].astype(np.float32))
+            depth_errors.append(np.abs(image.depth - target.depth)[(target.depth > 0) & scored].astype(np.float32))
         if len(stored) < _STORED_IMAGES:
             stored.append(
                 {

@@ -12,6 +12,7 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.metrics import FINETUNING_STAGES, METRICS
 from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
+from autonerf_lab.utils.extras import optional
 
 _COLUMNS, _PAPER_COLUMNS = ("task", "metric", "unit", "value"), ("paper best", "paper frontier")
 
@@ -145,6 +146,24 @@ class Scores(list[Score]):
         extra = {"weights": self.weights, "details": {task: found for task, found in self.details.items() if found}}
         content = {"version": 1, "scores": rows} | {key: value for key, value in extra.items() if value}
         storage.write_json(path, content)
+
+    def to_tensorboard(self, folder: str | Path, step: int = 0) -> None:
+        """Write the values as TensorBoard scalars ``task/metric``; show them with ``tensorboard --logdir folder``.
+
+        Args:
+            folder: created if it does not exist.
+            step: position on the horizontal axis, such as the number of training steps.
+
+        Raises:
+            MissingPackageError: the extra ``training`` is not installed.
+        """
+        optional("tensorboard", "training")
+        from torch.utils.tensorboard import SummaryWriter
+
+        with SummaryWriter(str(folder)) as writer:
+            for row in self:
+                if row.value is not None:
+                    writer.add_scalar(f"{row.task}/{row.metric}", row.value, step)
 
     @classmethod
     def load(cls, path: str | Path) -> "Scores":

@@ -140,6 +140,8 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
     if len(data) < 2 or not np.ptp(data.poses, axis=0).any():
         raise DataError("cannot learn a scene from one view: at least two different poses are needed")
     data.check()
+    if data.masks is not None and not any(mask.any() for mask in data.masks):
+        raise DataError("the masks exclude all pixels; a mask is black where the image is not used")
     if data.semantics is not None and (most := max(int(layer.max()) for layer in data.semantics)) >= NUM_CLASSES:
         raise DataError(f"the semantics contain the class {most}; classes are 0 to {NUM_CLASSES - 1}")
     if settings.depth_weight and data.depths is None:
@@ -156,7 +158,7 @@ def _fingerprint(data: Dataset) -> str:
     """Return a hash of the poses, intrinsics and images."""
     digest = hashlib.sha256(data.poses.tobytes())
     digest.update(repr(data.intrinsics).encode())
-    for image in data.images:
+    for image in (*data.images, *(data.masks or ())):
         digest.update(image.tobytes())
     for depth in data.depths or []:
         digest.update(depth.tobytes())

@@ -1,4 +1,4 @@
-"""Random training pixels of a dataset, as rays and targets in the coordinates of the field."""
+"""Random training pixels of a dataset, without the masked ones, as rays and targets in the coordinates of the field."""
 
 from functools import cached_property
 
@@ -26,6 +26,8 @@ class PixelSampler:
         self.rgb = np.concatenate([image.reshape(-1, 3) for image in data.images])
         self.labels = _flat(data.semantics)
         self.depth = _flat(data.depths)
+        used = _flat(data.masks)
+        self._used = None if used is None else np.flatnonzero(used)  # pixels that may be sampled; None: all
         self._unit = np.float32(frame.unit)
         self._width = np.array([camera.width for camera in data.intrinsics])
         self._focal = np.array([(camera.fl_x, camera.fl_y) for camera in data.intrinsics])
@@ -60,7 +62,8 @@ class PixelSampler:
             (count,) int64 pixel indices.
         """
         some = round(by_class * count) if self.labels is not None else 0
-        pixels = rng.integers(len(self), size=count)
+        pixels = rng.integers(len(self) if self._used is None else len(self._used), size=count)
+        pixels = pixels if self._used is None else self._used[pixels]
         if some:
             by_label, sizes, first, chances = self._classes
             classes = np.searchsorted(chances, rng.random(some), side="right")
@@ -71,9 +74,11 @@ class PixelSampler:
     def _classes(self) -> tuple[np.ndarray, ...]:
         """All pixels sorted by label; for each class: number of pixels, first pixel, cumulative probability."""
         assert self.labels is not None
-        sizes = np.bincount(self.labels)
+        labels = self.labels if self._used is None else self.labels[self._used]
+        sizes = np.bincount(labels)
         chances = np.cumsum(np.sqrt(sizes))
-        by_label = np.argsort(self.labels, kind="stable").astype(np.int32)
+        order: np.ndarray = np.argsort(labels, kind="stable").astype(np.int32)
+        by_label = order if self._used is None else self._used[order]
         return by_label, sizes, np.cumsum(sizes) - sizes, chances / chances[-1]
 
     def rays(self, pixels: np.ndarray) -> Rays:

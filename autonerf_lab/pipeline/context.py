@@ -29,7 +29,7 @@ class StageOptions:
     optional_tasks: Sequence[str] = ()  # such as "navigation"
     interest_regions: bool = False  # pose refinement samples its pixels in interest regions
     voxel: float | None = None  # of the mesh, metres; None: as in the preset
-    mesh_format: str = "glb"  # or "ply"
+    mesh_format: str = "glb"  # or "ply", "obj"
     figures: Collection[str] | None = None  # names of the figures to draw; None: all
 
 
@@ -98,12 +98,14 @@ class StageContext:
 
 
 def find_scene(name: str) -> "Scene":
-    """Load a scene of the library by its name, or a specification (JSON) or a scan by its path.
+    """Load a scene of the library by its name, or a specification (JSON), a scan or a Habitat scene by its path.
 
     Raises:
         UnknownNameError: The name does not exist. The message lists the names of the library.
         SceneError: The file does not hold a scene.
     """
     from autonerf_lab.scenes import import_scene, load_scene
+    from autonerf_lab.scenes.habitat import is_habitat_config
 
-    return import_scene(name) if Path(name).suffix.lower() in SCAN_SUFFIXES else load_scene(name)
+    path = Path(name)
+    return import_scene(name) if path.suffix.lower() in SCAN_SUFFIXES or is_habitat_config(path) else load_scene(name)

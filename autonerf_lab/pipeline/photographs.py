@@ -6,6 +6,7 @@
       nerf/                        radiance field (safetensors and JSON)
       scores.json                  scores on the held-out photographs
       baselines/nearest_view.json  scores of the nearest training photograph
+      colmap/                      poses by COLMAP (--poses colmap)
 """
 
 from pathlib import Path
@@ -13,22 +14,30 @@ from typing import TYPE_CHECKING
 
 from autonerf_lab import config
 from autonerf_lab.data.dataset import load_dataset
-from autonerf_lab.errors import RunFolderError
+from autonerf_lab.data.readers import find_format
+from autonerf_lab.errors import RunFolderError, UnknownNameError
 from autonerf_lab.pipeline import outputs
+from autonerf_lab.pipeline.colmap_poses import estimate_poses
 from autonerf_lab.pipeline.run_folder import is_empty_except, locked
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators import Scores
     from autonerf_lab.evaluators.lpips import Lpips
 
-OUTPUTS = ("scores.json", "baselines/nearest_view.json", "nerf/nerf.json", "nerf/nerf.safetensors")
+OUTPUTS = (
+    *("colmap/database.db", "colmap/all/*", "colmap/all/*/*", "colmap/sparse/0/*.bin"),
+    "scores.json",
+    "baselines/nearest_view.json",
+    "nerf/nerf.json",
+    "nerf/nerf.safetensors",
+)
 
 
 def is_photograph_folder(folder: str | Path) -> bool:
     """Return True if a folder holds photographs with poses and no run."""
     folder = Path(folder)
     return (folder.suffix == ".json" and folder.is_file()) or (
-        any(folder.glob("transforms*.json")) and not (folder / "run.json").exists()
+        folder.is_dir() and find_format(folder) is not None and not (folder / "run.json").exists()
     )
 
 
@@ -41,6 +50,7 @@ def fit_photographs(
     *,
     overwrite: bool = False,
     lpips: "Lpips | None" = None,
+    poses: str | None = None,
 ) -> "Scores":
     """Train a radiance field on the training photographs and evaluate it on the held-out ones.
 
@@ -54,6 +64,8 @@ def fit_photographs(
         seed: Random seed.
         overwrite: Replace a finished field in ``out``.
         lpips: LPIPS network; None: LPIPS is not computed.
+        poses: ``"colmap"`` estimates the poses, see :func:`~autonerf_lab.pipeline.colmap_poses.estimate_poses`; None:
+            those of the folder.
 
     Returns:
         PSNR, SSIM and FLIP on the held-out photographs, and those of the baseline ``nearest_view``.
@@ -70,9 +82,13 @@ def fit_photographs(
     out = Path(out)
     model_spec(model)
     config.preset(preset)
-    train, held_out = load_dataset(folder).split()
+    if poses not in (None, "colmap"):
+        raise UnknownNameError("source of poses", poses, ["colmap"])
+    data = None if poses else load_dataset(folder)
     with locked(out):
         _prepare_folder(out, overwrite)
+        data = data or load_dataset(folder, colmap=estimate_poses(folder, out / "colmap"))
+        train, held_out = data.split()
         print(f"{len(train)} training photographs, {len(held_out)} held-out photographs", flush=True)
         nerf = fit(train, model, preset, seed=seed, checkpoint=out / "nerf")
         scores = evaluate(nerf, held_out, trajectory=train, lpips_weights=lpips)
@@ -87,7 +103,7 @@ def _prepare_folder(out: Path, overwrite: bool) -> None:
     """Check that the output folder may be used, and remove the outputs that will be replaced."""
     if (out / "run.json").exists():
         raise RunFolderError(f"{out} holds a run; choose another --out for the photographs")
-    if not (out / "nerf").exists() and not is_empty_except(out, "nerf"):
+    if not any((out / name).exists() for name in ("nerf", "colmap")) and not is_empty_except(out, "nerf"):
         raise RunFolderError(f"{out} holds files but no field; choose another --out")
     if not overwrite and (out / "nerf/nerf.json").exists():
         raise RunFolderError(f"{out} holds a finished field; choose another --out, or replace it with --overwrite")

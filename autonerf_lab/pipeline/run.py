@@ -42,8 +42,8 @@ def check_arguments(
             raise DataError(f"{key} must be more than {low} and less than {high}, not {value}")
     if options.voxel is not None and not options.voxel > 0:
         raise DataError(f"voxel must be a length in metres and more than 0, not {options.voxel}")
-    if options.mesh_format not in ("glb", "ply"):
-        raise UnknownNameError("mesh format", options.mesh_format, ("glb", "ply"))
+    if options.mesh_format not in ("glb", "ply", "obj"):
+        raise UnknownNameError("mesh format", options.mesh_format, ("glb", "ply", "obj"))
     if options.optional_tasks:
         from autonerf_lab.evaluators.tasks import optional_tasks
 

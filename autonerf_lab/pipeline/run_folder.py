@@ -43,7 +43,7 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     ),
     "fit": ("nerf/*.json", "nerf/*.safetensors"),
     "evaluate": ("scores.json", "baselines/*.json"),
-    "mesh": ("mesh/*.glb", "mesh/*.ply", "mesh/*.json"),
+    "mesh": ("mesh/*.glb", "mesh/*.ply", "mesh/*.obj", "mesh/*.json"),
     "report": ("report.html",),
 }
 _FIGURES = ("figures/{stage}.json", "figures/{stage}_*")

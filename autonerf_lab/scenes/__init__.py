@@ -2,6 +2,7 @@
 
 from autonerf_lab.scenes.generator import generate_apartment
 from autonerf_lab.scenes.gltf_export import export_glb
+from autonerf_lab.scenes.import_report import ImportReport
 from autonerf_lab.scenes.library import load_scene, scene_names
 from autonerf_lab.scenes.mesh_import import import_scene
 from autonerf_lab.scenes.plotting import plot_scene, top_view
@@ -9,6 +10,7 @@ from autonerf_lab.scenes.scene import Instance, Scene
 from autonerf_lab.scenes.scene_page import write_page
 
 __all__ = [
+    "ImportReport",
     "Instance",
     "Scene",
     "export_glb",

@@ -4,10 +4,14 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from autonerf_lab.classes import CLASS_NAMES
+
+if TYPE_CHECKING:
+    from autonerf_lab.scenes.import_report import ImportReport
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,7 @@ class Scene:
     spec: dict | None = field(default=None, repr=False)  # specification of a generated scene
     gloss: np.ndarray | None = field(default=None, repr=False)  # (F,) float32 in [0, 1], specular share; None: unknown
     names: dict[int, str] = field(default_factory=dict, repr=False)  # object names by id, used when there is no spec
+    import_report: "ImportReport | None" = field(default=None, repr=False)  # of an imported scene: what was found
 
     @cached_property
     def texture(self) -> np.ndarray:

@@ -2,11 +2,12 @@
 
 ``{"format": "autonerf-lab semantics", "version": 1, "nodes": {"chair_12": {"class": "chair", "instance": 12, "name":
 "chair (office)"}}}``. The keys of ``nodes`` are names of the mesh file's nodes, groups or objects. ``class`` is one of
-the 16 class names, ``instance`` a positive number (0: the building), ``name`` any text. A mesh of one node, as in a PLY
-file, can have ``faces`` instead: ``{"class": [0, 3, ...], "instance": [0, 7, ...], "names": {"7": "bed"}}`` with one
-entry per triangle in file order.
+the 16 class names or a name of the alias table (:mod:`autonerf_lab.scenes.class_aliases`), ``instance`` a positive
+number (0: the building), ``name`` any text. A mesh of one node, as in a PLY file, can have ``faces`` instead:
+``{"class": [0, 3, ...], "instance": [0, 7, ...], "names": {"7": "bed"}}`` with one entry per triangle in file order.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 
 from autonerf_lab.classes import CLASS_NAMES
 from autonerf_lab.errors import DataError, SceneError
+from autonerf_lab.scenes.class_aliases import ALIASES, plain_name
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.utils.storage import parse_json, read_bytes, write_json
 
@@ -57,8 +59,12 @@ def write_semantics(scene: Scene, path: Path) -> Path:
     return semantics_path(path)
 
 
-def read_semantics(path: Path) -> MeshSemantics:
+def read_semantics(path: Path, aliases: Mapping[str, str] = ALIASES) -> MeshSemantics:
     """Read and validate a semantics file.
+
+    Args:
+        path: The file.
+        aliases: Class by name, see :mod:`autonerf_lab.scenes.class_aliases`.
 
     Raises:
         SceneError: The file is missing, too large or invalid; the message names the file and the entry.
@@ -76,12 +82,14 @@ def read_semantics(path: Path) -> MeshSemantics:
     names: dict[int, str] = {}
     for node, entry in nodes.items():
         where = f"{path}: node {node[:60]!r}"
-        if not isinstance(entry, dict) or entry.get("class") not in CLASS_NAMES:
-            raise SceneError(f"{where} has no valid class; valid classes: {', '.join(CLASS_NAMES)}")
+        class_name = entry.get("class") if isinstance(entry, dict) else None
+        class_name = aliases.get(plain_name(class_name)) if isinstance(class_name, str) else None
+        if class_name is None:
+            raise SceneError(f"{where} has no valid class; valid classes: {', '.join(CLASS_NAMES)}, and their aliases")
         instance, name = entry.get("instance", 0), entry.get("name", node)
         if type(instance) is not int or not 0 <= instance < MAX_INSTANCE or not isinstance(name, str):
             raise SceneError(f"{where} needs an instance from 0 to {MAX_INSTANCE - 1} and a text as name")
-        found[node] = CLASS_NAMES.index(entry["class"]), instance
+        found[node] = CLASS_NAMES.index(class_name), instance
         names[instance] = name
     if faces is None:
         return MeshSemantics(found, None, names)

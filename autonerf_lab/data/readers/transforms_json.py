@@ -1,0 +1,106 @@
+"""Reader of ``transforms.json`` (nerfstudio, instant-ngp, trajectories of this package) and Blender's split files."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from autonerf_lab.data.fisheye import Fisheye
+from autonerf_lab.data.images import image_size, is_rotated
+from autonerf_lab.data.posed_frames import PosedFrames, same_aspect
+from autonerf_lab.data.transforms import CAMERA_KEYS, announced_size, number, read_camera, read_transforms
+from autonerf_lab.errors import DataError
+from autonerf_lab.geometry import Intrinsics
+
+_LENS = ("k1", "k2", "k3", "k4", "p1", "p2")
+SPLITS = ("train", "val", "test")
+
+
+def read_transforms_json(path: Path) -> PosedFrames:
+    """Read a file like ``transforms.json``."""
+    data = read_transforms(path)
+    content, frames = data.content, data.frames
+    meta = {key: value for key, value in content.items() if key not in CAMERA_KEYS | {"frames", "autonerf_lab"}}
+    files = data.files("file_path")
+    layers = {
+        key: data.files(f"{key}_file_path")
+        for key in ("depth", "semantics")
+        if all(frame.get(f"{key}_file_path") is not None for frame in frames)
+    }
+    masks: list[Path | None] | None = None
+    if all(frame.get("mask_path") is not None for frame in frames):
+        masks = [*data.files("mask_path", shared=True)]
+    cameras, rotated, lenses = [], [], []
+    for t, (frame, file) in enumerate(zip(frames, files, strict=True)):
+        lens, shared, own = _fisheye(content, frame, data.where(t))
+        camera, rotate = _view(shared, own, file, data.where(t))
+        cameras.append(camera)
+        rotated.append(rotate)
+        lenses.append(lens)
+    return PosedFrames(
+        path.parent,
+        data.poses,
+        files,
+        cameras,
+        meta | data.meta,
+        "autonerf_lab" in content,
+        layers.get("depth"),
+        semantics=layers.get("semantics"),
+        masks=masks,
+        rotated=rotated,
+        lenses=lenses if any(lenses) else None,
+    )
+
+
+def read_blender(folder: Path) -> PosedFrames:
+    """Read ``transforms_train.json`` and those of ``val`` and ``test`` as one dataset that remembers its split."""
+    parts = {
+        name: read_transforms_json(folder / f"transforms_{name}.json")
+        for name in SPLITS
+        if (folder / f"transforms_{name}.json").is_file()
+    }
+    first = next(iter(parts.values()))
+    meta = {f"{name}_filenames": [f.relative_to(folder).as_posix() for f in part.files] for name, part in parts.items()}
+    return replace(
+        first,
+        poses=np.concatenate([part.poses for part in parts.values()]),
+        files=[file for part in parts.values() for file in part.files],
+        cameras=[camera for part in parts.values() for camera in part.cameras],
+        rotated=[turn for part in parts.values() for turn in part.rotated or ()],
+        meta=first.meta | meta,
+        depths=None,
+        semantics=None,
+        masks=None,
+        lenses=None,
+    )
+
+
+def _fisheye(content: dict, frame: dict, where: str) -> tuple[Fisheye | None, dict, dict]:
+    """Return the lens of a fisheye, and file and frame without its keys; None for another camera."""
+    both = {**content, **frame}
+    if both.get("camera_model") != "OPENCV_FISHEYE" and both.get("is_fisheye") in (None, False):
+        return None, content, frame
+    lens = Fisheye(*(number(both.get(key, 0), key, where) for key in ("k1", "k2", "k3", "k4")))
+    drop = {"camera_model", "is_fisheye", *_LENS}
+    shared, own = ({k: v for k, v in part.items() if k not in drop} for part in (content, frame))
+    return lens, shared, own
+
+
+def _view(content: dict, frame: dict, file: Path, where: str) -> tuple[Intrinsics, bool]:
+    """Return the intrinsics of a stored image, and True if EXIF must rotate it.
+
+    Most structure-from-motion programs use the pixels as stored, so EXIF is used only if the announced size agrees
+    with the rotated image alone.
+    """
+    size = image_size(file)
+    announced = announced_size(content, frame, where) or size
+    camera = read_camera(content, frame, announced, where)
+    rotate = False
+    if not same_aspect(size, announced):
+        rotate = same_aspect(size[::-1], announced) and is_rotated(file)
+        if not rotate:
+            raise DataError(
+                f"{file} has {size[0]}x{size[1]} pixels, but its frame has {announced[0]}x{announced[1]}: the aspect "
+                "ratios differ; correct 'w' and 'h', or the image"
+            )
+    return camera if size == announced else camera.resized(*(size[::-1] if rotate else size)), rotate

@@ -1,0 +1,73 @@
+"""Run folder from a saved trajectory: ``autonerf-lab adopt TRAJECTORY --scene SCENE --out RUN``."""
+
+import time
+from pathlib import Path
+
+from autonerf_lab.config import preset
+from autonerf_lab.data.trajectory import load_trajectory
+from autonerf_lab.errors import DataError
+from autonerf_lab.pipeline.context import StageContext, find_scene
+from autonerf_lab.pipeline.figures import draw_trajectory
+from autonerf_lab.pipeline.run_folder import RunConfig, locked, open_run
+from autonerf_lab.pipeline.stages import STAGE_FUNCTIONS
+from autonerf_lab.utils.resources import peak_gb
+
+
+def adopt_trajectory(
+    folder: str | Path,
+    out: str | Path,
+    scene: str | None = None,
+    preset_name: str | None = None,
+    model: str | None = "semantic-nerfacto",
+) -> Path:
+    """Make a run folder of a trajectory that was saved with :meth:`Trajectory.save`, so that the later stages can run.
+
+    Args:
+        folder: Trajectory folder.
+        out: Run folder; new or empty.
+        scene: Scene of the trajectory: a name in the library, or a path; default: the one that the trajectory names.
+        preset_name: Preset of the later stages.
+        model: Model of the stage ``fit``.
+
+    Returns:
+        The run folder, whose stages ``scene`` and ``explore`` are finished.
+
+    Raises:
+        DataError: The trajectory is damaged, or was recorded in another scene.
+        RunFolderError: ``out`` holds a run or other files.
+    """
+    trajectory = load_trajectory(folder)
+    name = scene or trajectory.meta.get("scene")
+    if not isinstance(name, str):
+        raise DataError(f"{folder} does not name its scene; give it with --scene")
+    loaded = find_scene(name)
+    known = trajectory.meta.get("scene_sha256")
+    if known != loaded.sha256:
+        raise DataError(
+            f"{folder} was recorded in another scene ({str(trajectory.meta.get('scene'))[:80]!r}), not {name!r}"
+        )
+    camera, seed = trajectory.intrinsics, trajectory.meta.get("seed")
+    source = str(Path(name).resolve()) if Path(name).suffix else name
+    config = RunConfig(
+        source,
+        loaded.sha256,
+        str(trajectory.meta.get("policy") or "unknown"),
+        preset(preset_name).name,
+        seed if isinstance(seed, int) else 0,
+        model,
+        steps=len(trajectory),
+        width=camera.width,
+        height=camera.height,
+    )
+    out = Path(out)
+    with locked(out):
+        run = open_run(out, config, "explore")
+        context = StageContext(run, loaded)
+        started = time.perf_counter()
+        STAGE_FUNCTIONS["scene"](context)
+        run.mark_finished("scene", time.perf_counter() - started, peak_gb())
+        started = time.perf_counter()
+        trajectory.save(run / "trajectory")
+        draw_trajectory(run / "figures", loaded, trajectory)
+        run.mark_finished("explore", time.perf_counter() - started, peak_gb())
+    return out
