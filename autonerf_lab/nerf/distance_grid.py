@@ -38,8 +38,7 @@ def fuse_depth(pixels: PixelSampler, voxel: float, truncation: float, max_rays: 
         truncation: largest distance to a surface that is averaged, metres.
         max_rays: of more pixels, so many are fused, evenly spaced.
     """
-    count = min(len(pixels), max_rays)
-    chosen = np.linspace(0, len(pixels) - 1, count).astype(np.int64)
+    chosen = pixels.spread(max_rays)
     reach, corners = np.float32(truncation + voxel), []
     for origins, directions, depth in _measured(pixels, chosen[::16]):
         ends = origins + (depth[:, None] + reach) * directions

@@ -70,6 +70,12 @@ class PixelSampler:
             pixels[:some] = by_label[first[classes] + (rng.random(some) * sizes[classes]).astype(np.int64)]
         return pixels
 
+    def spread(self, count: int) -> np.ndarray:
+        """Return (count,) int64 indices of pixels without masked ones, evenly spaced; all if there are fewer."""
+        total = len(self) if self._used is None else len(self._used)
+        chosen = np.linspace(0, total - 1, min(count, total)).round().astype(np.int64)
+        return chosen if self._used is None else self._used[chosen]
+
     @cached_property
     def _classes(self) -> tuple[np.ndarray, ...]:
         """All pixels sorted by label; for each class: number of pixels, first pixel, cumulative probability."""
