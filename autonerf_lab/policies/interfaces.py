@@ -165,6 +165,7 @@ class CompactInterface:
     def reset(self) -> None:
         """Clear the waypoints of the last episode."""
         self._tried: list[np.ndarray] = []
+        self._last: tuple[np.ndarray, tuple[np.ndarray, np.ndarray]] | None = None  # argument and result of _candidates
 
     def observe(self, map: MapState) -> dict[str, Any]:
         """Return the maps, the candidate positions and the heading."""
@@ -227,20 +228,26 @@ class CompactInterface:
     def _known(self, map: MapState) -> np.ndarray:
         """Return (3, SIDE, SIDE) bool: occupied, explored, visited."""
         top, left, factor = self._window(map)
-        return pooled(np.stack([map.occupied, map.explored, map.visited]), top, left, self.SIDE, factor)
+        channels = (map.occupied, map.explored, map.visited)
+        return np.concatenate([pooled(channel[None], top, left, self.SIDE, factor) for channel in channels])
 
     def _candidates(self, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the candidate cell of each block, (GRID, GRID, 2), -1 without one, and path lengths, metres."""
+        if self._last is not None and np.array_equal(self._last[0], known):
+            return self._last[1]  # an action is decoded on the map that was encoded
         occupied, explored, visited = known
         middle = self.SIDE // 2
         clear = ~dilate(occupied, self.CLEARANCE)
         free = (explored & clear) | visited
         free[middle - 1 : middle + 2, middle - 1 : middle + 2] = True
-        free |= travel_distance(free | (~explored & clear), free) <= self.UNKNOWN_MARGIN
+        unknown = ~explored & clear
+        free |= travel_distance(free | unknown, free, limit=self.UNKNOWN_MARGIN) <= self.UNKNOWN_MARGIN
         distance = travel_distance(free, np.array([[middle, middle]]), self.cell)
         reachable = np.isfinite(distance)
         distant = reachable & (distance >= self.MIN_DISTANCE)
-        return _nearest_to_centre(distant if distant.any() else reachable, self.BLOCK), distance
+        candidates = _nearest_to_centre(distant if distant.any() else reachable, self.BLOCK)
+        self._last = known, (candidates, distance)
+        return candidates, distance
 
 
 @njit(cache=True, nogil=True)
@@ -263,11 +270,19 @@ def pooled(channels: np.ndarray, top: int, left: int, side: int, factor: int) ->
     """
     count, size = channels.shape[0], channels.shape[1]
     out = np.zeros((count, side, side), np.bool_)
+    first = min(side, max(0, -(left // factor)))  # column of the result from which whole blocks lie in the map
+    last = max(first, min(side, (size - left) // factor))
     for k in range(count):
         for row in range(max(0, top), min(size, top + side * factor)):
-            for col in range(max(0, left), min(size, left + side * factor)):
-                if channels[k, row, col]:
-                    out[k, (row - top) // factor, (col - left) // factor] = True
+            i = (row - top) // factor
+            for part in range(factor):
+                start = left + part
+                for j in range(first, last):
+                    out[k, i, j] |= channels[k, row, start + j * factor]
+            for col in range(max(0, left), min(size, left + first * factor)):
+                out[k, i, (col - left) // factor] |= channels[k, row, col]
+            for col in range(max(0, left + last * factor), min(size, left + side * factor)):
+                out[k, i, (col - left) // factor] |= channels[k, row, col]
     return out
 
 
