@@ -321,8 +321,11 @@ def block_shares(cells: np.ndarray, block: int) -> np.ndarray:
         [[0.5, 0.0], [0.0, 0.5]]
     """
     grid = cells.shape[1] // block
-    blocks = cells.reshape(len(cells), grid, block, grid, block)
-    return blocks.sum(axis=(2, 4), dtype=np.float32) / block**2
+    # Sums of whole slices: a reduction over the short axes of a block takes ten times as long.
+    blocks = cells.reshape(len(cells), grid, block, -1)
+    rows = sum((blocks[:, :, k] for k in range(block)), np.uint16(0)).reshape(len(cells), grid, grid, block)
+    counts = sum((rows[..., k] for k in range(block)), np.zeros(rows.shape[:-1], np.float32))
+    return counts / np.float32(block**2)
 
 
 def so3_exp(omega: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import AutoNerfError, PolicyError, SceneError
 from autonerf_lab.geometry import planar_from_pose
-from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.policies import Policy, make_policy
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action, MapState, read_only
@@ -65,7 +65,7 @@ def explore(
     with _named(name, "in reset"):
         chosen.reset(np.random.default_rng([seed, _POLICY_STREAM]))
     observation = sim.reset(seed=seed, pose=pose)
-    map = empty_map(observation.pose, map_size)
+    mapper = Mapper(empty_map(observation.pose, map_size), sim.intrinsics)
     shape = (steps, *observation.depth.shape)
     poses, true_poses = np.empty((steps, 4, 4)), np.empty((steps, 3))
     rgb, depth, semantics = np.empty((*shape, 3), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
@@ -76,8 +76,8 @@ def explore(
     waypoints: list[list[float] | None] = []
     length = 0.0
     for t in tqdm(range(steps), desc=f"explore {sim.scene.name} ({name})", disable=not progress, unit="step"):
-        _check_inside(observation.pose, map)
-        map = update(map, observation, sim.intrinsics)
+        _check_inside(observation.pose, mapper.map)
+        _, map = mapper.add(observation)
         poses[t], rgb[t], depth[t], semantics[t] = (
             observation.pose,
             observation.rgb,
@@ -88,7 +88,7 @@ def explore(
         explored.append(round(float(np.count_nonzero(map.explored)) * map.cell**2, 4))
         path.append(round(length, 4))
         with _named(name, f"at step {t}"):
-            actions.append(int(Action(chosen.act(read_only(map), read_only(observation)))))
+            actions.append(int(Action(chosen.act(map, read_only(observation)))))
             waypoints.append(None if chosen.waypoint is None else [round(float(v), 2) for v in chosen.waypoint])
         collided.append(sim.move(actions[-1]))
         length += float(np.linalg.norm(sim.pose[:2, 3] - true_poses[t, :2]))

@@ -106,7 +106,7 @@ class Mapper:
     def __init__(self, start: MapState, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
         self._buffers = [_copied(start), _copied(start)]
-        self._touched: tuple[slice, slice] | None = None
+        self._touched = np.zeros(4, int)  # rows and columns that the last update may have changed
         self.map = read_only(self._buffers[0])
 
     def add(self, observation: Observation) -> tuple[MapState, MapState]:
@@ -115,9 +115,9 @@ class Mapper:
         Buffers are reused after two calls; copy to keep.
         """
         before, stale = self._buffers
-        if self._touched is not None:
-            for name in _CHANNELS:
-                getattr(stale, name)[(..., *self._touched)] = getattr(before, name)[(..., *self._touched)]
+        top, bottom, left, right = self._touched
+        for name in _CHANNELS:
+            getattr(stale, name)[..., top:bottom, left:right] = getattr(before, name)[..., top:bottom, left:right]
         after = replace(stale, pose=np.array(observation.pose, dtype=np.float64))
         self._touched = _write(after, observation, self._intrinsics)
         self._buffers = [after, before]
@@ -129,7 +129,7 @@ def _copied(map: MapState) -> MapState:
     return replace(map, **{name: getattr(map, name).copy() for name in _CHANNELS})
 
 
-def _write(map: MapState, observation: Observation, intrinsics: Intrinsics) -> tuple[slice, slice]:
+def _write(map: MapState, observation: Observation, intrinsics: Intrinsics) -> np.ndarray:
     """Add an observation to the arrays of a map with its pose; return the rows and columns that may have changed."""
     shape = (intrinsics.height, intrinsics.width)
     if observation.depth.shape != shape or observation.semantics.shape != shape:
@@ -137,7 +137,7 @@ def _write(map: MapState, observation: Observation, intrinsics: Intrinsics) -> t
     if abs(map.pose[2, 1] - 1) > 1e-6:
         raise ValueError("the map requires a level camera: the y axis of the pose must point up")
     camera = np.array([intrinsics.fl_x, intrinsics.fl_y, intrinsics.cx, intrinsics.cy])
-    box = _box(map, intrinsics)
+    box = np.empty(4, np.int64)
     _update(
         observation.depth,
         observation.semantics,
@@ -152,21 +152,21 @@ def _write(map: MapState, observation: Observation, intrinsics: Intrinsics) -> t
         map.semantics,
         map.viewpoints,
     )
-    return slice(box[0], box[1]), slice(box[2], box[3])
+    return box
 
 
-def _box(map: MapState, intrinsics: Intrinsics) -> np.ndarray:
-    """Return the rows and columns of the robot's disc and its field of view up to the sensor range."""
-    x, y = map.pose[:2, 3]
-    ahead, right = -map.pose[:2, 2], map.pose[:2, 0]
-    edges = [FAR * (u - intrinsics.cx) / intrinsics.fl_x for u in (0.0, intrinsics.width)]
-    seen = [FAR * ahead + edge * right for edge in edges]
-    points = np.array([[AGENT_RADIUS] * 2, [-AGENT_RADIUS] * 2, *seen]) + np.array([x, y])
-    low = np.floor((points.min(axis=0) - map.origin) / map.cell).astype(np.int64)
-    high = np.floor((points.max(axis=0) - map.origin) / map.cell).astype(np.int64) + 1
-    size = len(map.explored)
-    (col_lo, row_lo), (col_hi, row_hi) = np.clip(low, 0, size), np.clip(high, 0, size)
-    return np.array([row_lo, row_hi, col_lo, col_hi])
+@njit(cache=True)
+def _write_box(
+    pose: np.ndarray, camera: np.ndarray, width: int, origin: np.ndarray, cell: float, size: int, box: np.ndarray
+) -> None:
+    """Write the rows and columns of the robot's disc and its field of view up to the sensor range."""
+    for axis in range(2):  # x and columns, y and rows
+        ahead, right = -FAR * pose[axis, 2], FAR / camera[0] * pose[axis, 0]
+        left_end, right_end = ahead - camera[2] * right, ahead + (width - camera[2]) * right
+        low = pose[axis, 3] + min(-AGENT_RADIUS, left_end, right_end) - origin[axis]
+        high = pose[axis, 3] + max(AGENT_RADIUS, left_end, right_end) - origin[axis]
+        box[2 - 2 * axis] = min(max(int(np.floor(low / cell)), 0), size)
+        box[3 - 2 * axis] = min(max(int(np.floor(high / cell)) + 1, 0), size)
 
 
 @njit(cache=True)
@@ -190,7 +190,8 @@ def _update(
     x0, y0, z0 = pose[0, 3], pose[1, 3], pose[2, 3]
     ahead_x, ahead_y = -pose[0, 2], -pose[1, 2]
     right_x, right_y = pose[0, 0], pose[1, 0]
-    seen = np.zeros((size, size), np.bool_)
+    _write_box(pose, camera, width, origin, cell, size, box)
+    seen = np.zeros((box[1] - box[0], box[3] - box[2]), np.bool_)
     reach = np.zeros(width)  # per image column: largest depth of a ray that does not rise
     for v in range(height):
         up = -(v + 0.5 - cy) / fl_y
@@ -207,7 +208,8 @@ def _update(
             row = int(np.floor((y0 + d * ahead_y + across * right_y - origin[1]) / cell))
             if row < 0 or col < 0 or row >= size or col >= size:
                 continue
-            seen[row, col] = True
+            if box[0] <= row < box[1] and box[2] <= col < box[3]:
+                seen[row - box[0], col - box[2]] = True
             z = z0 + d * up
             if OBSTACLE_MIN <= z <= z0 + OBSTACLE_OVER_CAMERA:
                 occupied[row, col] = True
@@ -221,7 +223,7 @@ def _update(
             if dx * dx + dy * dy <= AGENT_RADIUS**2:
                 visited[row, col] = True
                 explored[row, col] = True
-            if not seen[row, col]:
+            if not seen[row - box[0], col - box[2]]:
                 forward = dx * ahead_x + dy * ahead_y
                 if forward <= 0 or forward > FAR:
                     continue

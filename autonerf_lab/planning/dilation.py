@@ -1,4 +1,4 @@
-"""Dilation of obstacles on a grid."""
+"""Operations on the masks of a grid: dilation of obstacles, and the rectangle that contains the set cells."""
 
 import numpy as np
 from numba import njit
@@ -9,8 +9,8 @@ def dilate(mask: np.ndarray, radius: float) -> np.ndarray:
     """Dilate a mask by a disc: set all cells whose centre is within ``radius`` of the centre of a set cell.
 
     Args:
-        mask: (R, C) bool; the run time is proportional to the number of set cells.
-        radius: cells.
+        mask: (R, C) bool.
+        radius: cells; the run time is proportional to it, and empty rows take hardly any.
 
     Returns:
         (R, C) bool.
@@ -22,12 +22,55 @@ def dilate(mask: np.ndarray, radius: float) -> np.ndarray:
     rows, cols = mask.shape
     reach = int(radius)
     out = np.zeros((rows, cols), np.bool_)
+    nearest = np.empty(cols, np.int32)  # columns to the nearest set cell of the row
     for row in range(rows):
+        count = 0
         for col in range(cols):
-            if not mask[row, col]:
-                continue
-            for r in range(max(0, row - reach), min(rows, row + reach + 1)):
-                for c in range(max(0, col - reach), min(cols, col + reach + 1)):
-                    if (r - row) ** 2 + (c - col) ** 2 <= radius * radius:
-                        out[r, c] = True
+            count += mask[row, col]
+        if count == 0:
+            continue
+        gap = cols + reach + 1
+        for col in range(cols):
+            gap = 0 if mask[row, col] else gap + 1
+            nearest[col] = gap
+        gap = cols + reach + 1
+        for col in range(cols - 1, -1, -1):
+            gap = 0 if mask[row, col] else gap + 1
+            nearest[col] = min(nearest[col], gap)
+        for r in range(max(0, row - reach), min(rows, row + reach + 1)):
+            half = reach  # columns of the disc to each side in row r
+            while half >= 0 and (r - row) ** 2 + half**2 > radius * radius:
+                half -= 1
+            for col in range(cols):
+                out[r, col] |= nearest[col] <= half
     return out
+
+
+@njit(cache=True, nogil=True)
+def bounding_box(mask: np.ndarray) -> tuple[int, int, int, int]:
+    """Return the first row, the end of the rows, the first column and the end of the columns that contain set cells.
+
+    Args:
+        mask: (R, C) bool; all four are 0 if no cell is set.
+
+    Example:
+        >>> bounding_box(np.eye(5, dtype=np.bool_)[:, 2:])
+        (2, 5, 0, 3)
+    """
+    rows, cols = mask.shape
+    columns = np.zeros(cols, np.bool_)
+    top = bottom = 0
+    for row in range(rows):
+        count = 0
+        for col in range(cols):
+            count += mask[row, col]
+            columns[col] |= mask[row, col]
+        if count > 0:
+            top = top if bottom > 0 else row
+            bottom = row + 1
+    left = right = 0
+    for col in range(cols):
+        if columns[col]:
+            left = left if right > 0 else col
+            right = col + 1
+    return top, bottom, left, right

@@ -1,8 +1,11 @@
 """Shortest paths on a grid by the fast marching method (Sethian 1996).
 
 Dijkstra's algorithm measures lengths along grid edges, with errors up to 8 % at any resolution. Fast marching solves
-``|grad T| = 1`` with first-order upwind differences: it uses the same heap, but updates a cell from two neighbours, and
-the error vanishes with the cell size.
+``|grad T| = 1`` with first-order upwind differences: it also expands a front in the order of its distance, but updates
+a cell from two neighbours, and the error vanishes with the cell size.
+
+The front is kept in buckets of equal distance instead of a heap (Yatziv et al. 2006). A cell that was expanded too
+early within its bucket is corrected and expanded again, so the result is exact, not approximate as in that article.
 """
 
 from collections.abc import Sequence
@@ -11,11 +14,17 @@ import numpy as np
 from numba import njit
 
 _MIN_DROP = 1e-4  # cells; minimum decrease of a descent step
+_BUCKETS = 16  # per cell of distance, a power of two; fewer need more corrections, more are often empty
+_LAST = 2 * _BUCKETS - 1  # index of the last bucket
 _DETOUR = 0.3  # cells; excess length allowed for the limited directions of a ring (a wrong cell costs at least 1.4)
 
 
 def travel_distance(
-    free: np.ndarray, goal: np.ndarray, cell: float = 1.0, stop_at: Sequence[int] | np.ndarray | None = None
+    free: np.ndarray,
+    goal: np.ndarray,
+    cell: float = 1.0,
+    stop_at: Sequence[int] | np.ndarray | None = None,
+    limit: float = np.inf,
 ) -> np.ndarray:
     """Compute the length of the shortest path from each cell to the goal.
 
@@ -24,6 +33,7 @@ def travel_distance(
         goal: (R, C) bool, or (K, 2) integer [row, column] cells; goal cells that are not free are ignored.
         cell: side of a cell, metres.
         stop_at: row and column at which to stop early; farther cells remain inf.
+        limit: metres; farther cells remain inf.
 
     Returns:
         (R, C) float64, metres; inf where blocked or unreachable.
@@ -32,22 +42,15 @@ def travel_distance(
         >>> travel_distance(np.ones((1, 4), bool), np.array([[0, 0]]), cell=0.5)
         array([[0. , 0.5, 1. , 1.5]])
     """
-    rows, cols = free.shape
     goal = np.asarray(goal)
     if goal.dtype != np.bool_ or goal.shape != free.shape:
         mask = np.zeros(free.shape, np.bool_)
         mask[tuple(goal.reshape(-1, 2).T)] = True
         goal = mask
-    stop = -1 if stop_at is None else (int(stop_at[0]) + 1) * (cols + 2) + int(stop_at[1]) + 1
-    distance = np.full((rows + 2, cols + 2), np.inf)
-    _march(_bordered(free), _bordered(goal), stop, distance)
-    return distance[1:-1, 1:-1] * cell
-
-
-def _bordered(mask: np.ndarray) -> np.ndarray:
-    bordered = np.zeros((mask.shape[0] + 2, mask.shape[1] + 2), np.bool_)
-    bordered[1:-1, 1:-1] = mask
-    return bordered
+    stop = (-1, -1) if stop_at is None else (int(stop_at[0]), int(stop_at[1]))
+    distance = np.empty(free.shape)
+    _march(free, goal, *stop, float(limit / cell), float(cell), distance)
+    return distance
 
 
 def descend(
@@ -80,7 +83,7 @@ def descend(
     """
     path = np.empty((max_steps + 1, 2), np.int64)
     path[0] = start
-    count = _descend(np.ascontiguousarray(distance) / cell, int(radius), path)
+    count = _descend(distance, float(cell), int(radius), path)
     return path[:count].copy()
 
 
@@ -112,70 +115,85 @@ def weighted_success(success: bool, length: float, shortest: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _march(free: np.ndarray, goal: np.ndarray, stop: int, distance: np.ndarray) -> None:
-    """Write distances, in cells, into ``distance``, which must be filled with inf.
+def _march(
+    free: np.ndarray, goal: np.ndarray, stop_row: int, stop_col: int, limit: float, cell: float, distance: np.ndarray
+) -> None:
+    """Write distances, in units of ``cell``, into ``distance``; negative ``stop_row``: no early end.
 
-    All arrays have a border of one blocked cell, so that neighbours need no bounds check, and are used flat; ``stride``
-    is the length of a row. The heap contains cells; ``index`` is the position of each cell in the heap, or -1 or -2.
+    ``trial`` and ``final`` are flat and have a border of one blocked cell, so that neighbours need no bounds check;
+    ``stride`` is the length of a row. ``trial`` is the smallest distance so far, -1 for a blocked cell; it is copied to
+    ``final`` when the cell is expanded. A bucket is a doubly linked list of cells. No neighbour of an expanded cell is
+    more than one cell farther, so that buckets over a distance of two cells suffice.
     """
-    stride = free.shape[1]
-    blocked = ~free.ravel()
-    flat = distance.ravel()
-    count = 0
-    heap = np.empty(free.size, np.int32)
-    keys = np.empty(free.size)
-    index = np.full(free.size, -1, np.int32)  # -1: not reached; -2: finished
-    goals = goal.ravel()
-    for i in range(free.size):
-        if goals[i] and not blocked[i]:
-            heap[count], keys[count], index[i] = i, 0.0, count
-            count += 1
+    rows, cols = free.shape
+    stride = cols + 2
+    trial = np.full((rows + 2) * stride, -1.0)
+    final = np.full(len(trial), np.inf)
+    after, before = np.empty(len(trial), np.int32), np.empty(len(trial), np.int32)  # links
+    first = np.full(_LAST + 1, -1, np.int32)  # of each bucket
+    waiting = 0
+    for r in range(rows):
+        start = (r + 1) * stride + 1
+        for c in range(cols):
+            trial[start + c] = np.inf if free[r, c] else -1.0
+        for c in range(cols):
+            if goal[r, c] and free[r, c]:
+                trial[start + c] = final[start + c] = 0.0
+    for r in range(rows):
+        for c in range(cols):
+            i = (r + 1) * stride + c + 1
+            # A goal cell inside the goal has nothing to expand.
+            if trial[i] == 0 and max(trial[i - stride], trial[i + stride], trial[i - 1], trial[i + 1]) > 0:
+                after[i], before[i] = first[0], -1
+                if first[0] >= 0:
+                    before[first[0]] = i
+                first[0] = i
+                waiting += 1
     sides = np.array([-stride, stride, -1, 1])
-    while count > 0:
-        cell, key = heap[0], keys[0]
-        flat[cell] = key
-        index[cell] = -2
-        count -= 1
-        if cell == stop:
-            return
-        if count > 0:  # the last entry sinks from the top
-            last, last_key = heap[count], keys[count]
-            i = 0
-            while True:
-                child = 2 * i + 1
-                if child >= count:
-                    break
-                if child + 1 < count and keys[child + 1] < keys[child]:
-                    child += 1
-                if keys[child] >= last_key:
-                    break
-                heap[i], keys[i] = heap[child], keys[child]
-                index[heap[i]] = i
-                i = child
-            heap[i], keys[i], index[last] = last, last_key, i
-        for side in sides:
-            n = cell + side
-            if blocked[n] or index[n] == -2:
-                continue
-            a = min(flat[n - stride], flat[n + stride])
-            b = min(flat[n - 1], flat[n + 1])
-            gap = abs(a - b)
-            # With a wider gap only one axis is upwind.
-            value = (a + b + np.sqrt(2 - gap * gap)) / 2 if gap < 1 else min(a, b) + 1
-            i = index[n]
-            if i == -1:
-                i = count
-                count += 1
-            elif keys[i] <= value:
-                continue
-            while i > 0:
-                parent = (i - 1) // 2
-                if keys[parent] <= value:
-                    break
-                heap[i], keys[i] = heap[parent], keys[parent]
-                index[heap[i]] = i
-                i = parent
-            heap[i], keys[i], index[n] = n, value, i
+    stop = (stop_row + 1) * stride + stop_col + 1 if stop_row >= 0 else 0
+    bucket = 0
+    while waiting > 0 and final[stop] == np.inf and bucket <= limit * _BUCKETS:
+        slot = bucket & _LAST
+        while first[slot] >= 0:
+            i = first[slot]
+            first[slot] = after[i]
+            if after[i] >= 0:
+                before[after[i]] = -1
+            waiting -= 1
+            key = trial[i]
+            final[i] = key
+            for side in sides:
+                n = i + side
+                if trial[n] <= key:
+                    continue
+                a = min(final[n - stride], final[n + stride])
+                b = min(final[n - 1], final[n + 1])
+                gap = abs(a - b)
+                # With a wider gap only one axis is upwind.
+                value = (a + b + np.sqrt(2 - gap * gap)) / 2 if gap < 1 else min(a, b) + 1
+                if value >= trial[n]:
+                    continue
+                if trial[n] < final[n]:  # remove it from the bucket in which it waits
+                    if before[n] >= 0:
+                        after[before[n]] = after[n]
+                    else:
+                        first[int(trial[n] * _BUCKETS) & _LAST] = after[n]
+                    if after[n] >= 0:
+                        before[after[n]] = before[n]
+                    waiting -= 1
+                trial[n] = value
+                target = int(value * _BUCKETS) & _LAST
+                after[n], before[n] = first[target], -1
+                if first[target] >= 0:
+                    before[first[target]] = n
+                first[target] = n
+                waiting += 1
+        bucket += 1
+    limit = min(limit, final[stop])
+    for r in range(rows):
+        start = (r + 1) * stride + 1
+        for c in range(cols):
+            distance[r, c] = final[start + c] * cell if final[start + c] <= limit else np.inf
 
 
 @njit(cache=True, nogil=True)
@@ -191,12 +209,12 @@ def _clear(distance: np.ndarray, r0: int, c0: int, r1: int, c1: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _descend(distance: np.ndarray, radius: int, path: np.ndarray) -> int:
+def _descend(distance: np.ndarray, cell: float, radius: int, path: np.ndarray) -> int:
     rows, cols = distance.shape
     count = 1
     while count < len(path):
         r0, c0 = path[count - 1, 0], path[count - 1, 1]
-        here = distance[r0, c0]
+        here = distance[r0, c0] / cell
         if here == 0.0:
             break
         found = False
@@ -209,11 +227,12 @@ def _descend(distance: np.ndarray, radius: int, path: np.ndarray) -> int:
                     if length > ring + 0.5 or (length <= ring - 1 and not at_goal):
                         continue
                     # Length of the whole path through this cell.
-                    total = distance[r, c] + length
+                    there = distance[r, c] / cell
+                    total = there + length
                     # A path longer than the field overshoots a bend: use a smaller ring.
                     if ring > 1 and total > here + _DETOUR:
                         continue
-                    if distance[r, c] < here - _MIN_DROP and total < best and _clear(distance, r0, c0, r, c):
+                    if there < here - _MIN_DROP and total < best and _clear(distance, r0, c0, r, c):
                         best, best_r, best_c = total, r, c
             if best < np.inf:
                 path[count, 0], path[count, 1] = best_r, best_c

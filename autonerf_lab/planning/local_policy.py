@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from autonerf_lab.geometry import AGENT_RADIUS, TURN_ANGLE, planar_from_pose, world_to_cell, wrap_angle
-from autonerf_lab.planning.dilation import dilate
+from autonerf_lab.planning.dilation import bounding_box, dilate
 from autonerf_lab.planning.fast_marching import descend, travel_distance
 from autonerf_lab.types import Action, MapState
 
@@ -203,10 +203,11 @@ def _window(map: MapState, *cells: tuple[int, ...]) -> tuple[slice, slice]:
     """Return the rows and columns of the explored area and the given cells, with a margin."""
     margin = round(_MARGIN / map.cell)
     size = len(map.explored)
+    box = bounding_box(map.explored)
     slices = []
     for axis in range(2):
-        known = np.flatnonzero(map.explored.any(axis=1 - axis))
-        ends = [int(c[axis]) for c in cells] + ([int(known[0]), int(known[-1])] if len(known) else [])
+        low, high = box[2 * axis : 2 * axis + 2]
+        ends = [int(c[axis]) for c in cells] + ([low, high - 1] if high else [])
         slices.append(slice(max(0, min(ends) - margin), min(size, max(ends) + margin + 1)))
     return slices[0], slices[1]
 

@@ -25,6 +25,7 @@ class Policy(Protocol):
         """Return the next :class:`~autonerf_lab.types.Action`.
 
         Args:
-            map: map of the episode, which already contains ``observation``. Read-only.
+            map: map of the episode, which already contains ``observation``. Read-only; its arrays are reused after two
+                steps: copy to keep.
             observation: last observation. Read-only.
         """

@@ -21,7 +21,7 @@ from autonerf_lab.geometry import (
     world_to_cell,
     wrap_angle,
 )
-from autonerf_lab.planning.dilation import dilate
+from autonerf_lab.planning.dilation import bounding_box, dilate
 from autonerf_lab.planning.fast_marching import travel_distance
 from autonerf_lab.planning.local_policy import LocalPolicy
 from autonerf_lab.policies.information_gain import RAYS, new_views, unknown_area
@@ -234,8 +234,13 @@ def path_lengths_from_robot(map: MapState) -> np.ndarray:
     """
     radius = round(AGENT_RADIUS / map.cell)
     free = (map.explored & ~dilate(map.occupied, radius + 0.5)) | map.visited
-    start = world_to_cell(map.pose[:2, 3], map.origin, map.cell)
-    return travel_distance(free, start[None], map.cell)
+    goal = np.zeros_like(free)
+    goal[tuple(world_to_cell(map.pose[:2, 3], map.origin, map.cell))] = True
+    distance = np.full(free.shape, np.inf)
+    top, bottom, left, right = bounding_box(free)
+    window = slice(top, bottom), slice(left, right)
+    distance[window] = travel_distance(free[window], goal[window], map.cell)
+    return distance
 
 
 def _border(mask: np.ndarray) -> np.ndarray:

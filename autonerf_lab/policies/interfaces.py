@@ -60,6 +60,9 @@ class PaperInterface:
     Observation: ``map``, see :func:`stack_maps`; ``heading``, one of 72 bins, counter-clockwise from +x. Action: (2,)
     in [-1, 1], x and y across the window; 0 is its centre.
 
+    The map may have any size. Each of its channels is pooled by the maximum over k x k cells, k = 12 m / W in cells of
+    the map, rounded; cells outside the map are not set.
+
     Args:
         window: W; 240 gives cells of 5 cm.
         viewpoints: add the viewpoint channels, which only the reward ``view`` needs.
@@ -85,21 +88,27 @@ class PaperInterface:
         """Return the stacked maps and the heading bin."""
         heading = planar_from_pose(map.pose)[2] % (2 * np.pi)
         return {
-            "map": stack_maps(map, self.window, self._viewpoints),
+            "map": stack_maps(map, self.window, self._viewpoints, self._factor(map)),
             "heading": np.int64(int(heading / (2 * np.pi) * HEADING_BINS) % HEADING_BINS),
         }
 
     def to_waypoint(self, action: np.ndarray, map: MapState) -> np.ndarray:
         """Return the point of the window that the action selects."""
-        rows, cols = window_slices(map, self.window)
-        inside = (np.clip(np.asarray(action, np.float64), -1, 1) + 1) / 2 * self.window
+        side = self.window * self._factor(map)
+        rows, cols = window_slices(map, side)
+        inside = (np.clip(np.asarray(action, np.float64), -1, 1) + 1) / 2 * side
         return map.origin + (inside + np.array([cols.start, rows.start])) * map.cell
 
     def to_action(self, point: np.ndarray, map: MapState) -> np.ndarray:
         """Return the point in window coordinates, clipped to the border of the window."""
-        rows, cols = window_slices(map, self.window)
+        side = self.window * self._factor(map)
+        rows, cols = window_slices(map, side)
         inside = (point - map.origin) / map.cell - np.array([cols.start, rows.start])
-        return np.clip(inside / self.window * 2 - 1, -1, 1).astype(np.float32)
+        return np.clip(inside / side * 2 - 1, -1, 1).astype(np.float32)
+
+    def _factor(self, map: MapState) -> int:
+        """Return the number of map cells a side of one cell of the window."""
+        return max(1, round(self.cell / map.cell))
 
 
 class CompactInterface:
@@ -165,6 +174,7 @@ class CompactInterface:
     def reset(self) -> None:
         """Clear the waypoints of the last episode."""
         self._tried: list[np.ndarray] = []
+        self._last: tuple[np.ndarray, tuple[np.ndarray, np.ndarray]] | None = None  # argument and result of _candidates
 
     def observe(self, map: MapState) -> dict[str, Any]:
         """Return the maps, the candidate positions and the heading."""
@@ -227,20 +237,26 @@ class CompactInterface:
     def _known(self, map: MapState) -> np.ndarray:
         """Return (3, SIDE, SIDE) bool: occupied, explored, visited."""
         top, left, factor = self._window(map)
-        return pooled(np.stack([map.occupied, map.explored, map.visited]), top, left, self.SIDE, factor)
+        channels = (map.occupied, map.explored, map.visited)
+        return np.concatenate([pooled(channel[None], top, left, self.SIDE, factor) for channel in channels])
 
     def _candidates(self, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the candidate cell of each block, (GRID, GRID, 2), -1 without one, and path lengths, metres."""
+        if self._last is not None and np.array_equal(self._last[0], known):
+            return self._last[1]  # an action is decoded on the map that was encoded
         occupied, explored, visited = known
         middle = self.SIDE // 2
         clear = ~dilate(occupied, self.CLEARANCE)
         free = (explored & clear) | visited
         free[middle - 1 : middle + 2, middle - 1 : middle + 2] = True
-        free |= travel_distance(free | (~explored & clear), free) <= self.UNKNOWN_MARGIN
+        unknown = ~explored & clear
+        free |= travel_distance(free | unknown, free, limit=self.UNKNOWN_MARGIN) <= self.UNKNOWN_MARGIN
         distance = travel_distance(free, np.array([[middle, middle]]), self.cell)
         reachable = np.isfinite(distance)
         distant = reachable & (distance >= self.MIN_DISTANCE)
-        return _nearest_to_centre(distant if distant.any() else reachable, self.BLOCK), distance
+        candidates = _nearest_to_centre(distant if distant.any() else reachable, self.BLOCK)
+        self._last = known, (candidates, distance)
+        return candidates, distance
 
 
 @njit(cache=True, nogil=True)
@@ -263,11 +279,19 @@ def pooled(channels: np.ndarray, top: int, left: int, side: int, factor: int) ->
     """
     count, size = channels.shape[0], channels.shape[1]
     out = np.zeros((count, side, side), np.bool_)
+    first = min(side, max(0, -(left // factor)))  # column of the result from which whole blocks lie in the map
+    last = max(first, min(side, (size - left) // factor))
     for k in range(count):
         for row in range(max(0, top), min(size, top + side * factor)):
-            for col in range(max(0, left), min(size, left + side * factor)):
-                if channels[k, row, col]:
-                    out[k, (row - top) // factor, (col - left) // factor] = True
+            i = (row - top) // factor
+            for part in range(factor):
+                start = left + part
+                for j in range(first, last):
+                    out[k, i, j] |= channels[k, row, start + j * factor]
+            for col in range(max(0, left), min(size, left + first * factor)):
+                out[k, i, (col - left) // factor] |= channels[k, row, col]
+            for col in range(max(0, left + last * factor), min(size, left + side * factor)):
+                out[k, i, (col - left) // factor] |= channels[k, row, col]
     return out
 
 
@@ -296,10 +320,14 @@ def waypoint_finished(interface: PolicyInterface, waypoint: np.ndarray | None, m
 
 
 def window_slices(map: MapState, window: int) -> tuple[slice, slice]:
-    """Return the rows and columns of the window centred on the robot, shifted to stay inside the map."""
+    """Return the rows and columns of the window centred on the robot, shifted to stay inside the map.
+
+    A window larger than the map is centred on the map, with a negative start.
+    """
     size = len(map.explored)
     robot = np.clip(world_to_cell(map.pose[:2, 3], map.origin, map.cell), 0, size - 1)
-    top, left = (int(i) for i in np.clip(robot - window // 2, 0, size - window))
+    low, high = (0, size - window) if size >= window else ((size - window) // 2,) * 2
+    top, left = (int(i) for i in np.clip(robot - window // 2, low, high))
     return slice(top, top + window), slice(left, left + window)
 
 
@@ -310,34 +338,32 @@ def robot_mask(map: MapState) -> np.ndarray:
     return mask
 
 
-def stack_maps(map: MapState, window: int, viewpoints: bool = False) -> np.ndarray:
+def stack_maps(map: MapState, window: int, viewpoints: bool = False, factor: int = 1) -> np.ndarray:
     """Stack the input channels of the paper's global policy (section 3.1 and the released code).
 
     Args:
-        map: map of M >= W cells a side; in training M = 3 W.
+        map: map of any size; in training it has M = 3 W cells a side.
         window: W, cells a side of the window around the robot.
         viewpoints: append the 12 viewpoint channels of the window and the 12 of the whole map.
+        factor: map cells a side of one cell of the window.
 
     Returns:
-        (24, W, W) uint8: occupied, explored, the robot's cell and visited, in the window; the same four of the whole
-        map, maximum over 3 x 3 cells; the 15 classes and occupied cells without a class, in the window. (48, W, W) with
-        ``viewpoints``.
+        (24, W, W) uint8: occupied, explored, the robot's cell and visited, in the window; the same four of the central
+        3 x 3 windows of the map, maximum over 3 x 3 cells of the window; the 15 classes and occupied cells without a
+        class, in the window. (48, W, W) with ``viewpoints``.
     """
-    view = window_slices(map, window)
+    rows, cols = window_slices(map, window * factor)
+    first = (len(map.explored) - MAP_WINDOWS * window * factor) // 2
+
+    def near(channels: np.ndarray) -> np.ndarray:
+        return pooled(channels, rows.start, cols.start, window, factor)
+
+    def whole(channels: np.ndarray) -> np.ndarray:
+        return pooled(channels, first, first, window, MAP_WINDOWS * factor)
+
     state = np.stack([map.occupied, map.explored, robot_mask(map).astype(bool), map.visited])
-    unclassified = map.occupied[view] & ~map.semantics[(slice(None), *view)].any(axis=0)
-    parts = [
-        state[(slice(None), *view)],
-        _pool_whole(state, window),
-        map.semantics[(slice(None), *view)],
-        unclassified[None],
-    ]
+    here, classes = near(state), near(map.semantics)
+    parts = [here, whole(state), classes, (here[0] & ~classes.any(axis=0))[None]]
     if viewpoints:
-        parts += [map.viewpoints[(slice(None), *view)], _pool_whole(map.viewpoints, window)]
+        parts += [near(map.viewpoints), whole(map.viewpoints)]
     return np.concatenate(parts).view(np.uint8)
-
-
-def _pool_whole(channels: np.ndarray, window: int) -> np.ndarray:
-    """Pool the central ``MAP_WINDOWS`` windows of a map, which is the whole map in training, to one window."""
-    first = (channels.shape[1] - MAP_WINDOWS * window) // 2
-    return pooled(channels, first, first, window, MAP_WINDOWS)

@@ -14,6 +14,7 @@ from autonerf_lab.policies.interfaces import HEADING_BINS, CompactInterface
 from autonerf_lab.policies.pointgoal import STOP
 from autonerf_lab.types import Action
 
+_CHUNK = 100  # observations that are encoded together; the images of a larger batch would not stay in the cache
 _INVALID = -1e4  # logit of a block without a candidate position
 
 
@@ -55,6 +56,11 @@ class CompactNetwork(nn.Module):
 
     def forward(self, obs: dict[str, Tensor]) -> tuple[Distribution, Tensor]:
         """Return a Categorical over 1024 blocks, batch shape (B,), and the values, (B,)."""
+        logits, values = zip(*(self._evaluate(chunk) for chunk in chunks(obs)), strict=True)
+        return Categorical(logits=torch.cat(logits), validate_args=False), torch.cat(values)
+
+    def _evaluate(self, obs: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """Return the logits, (B, 1024), and the values, (B,)."""
         cos, sin = obs["heading"].float()[:, :, None, None].unbind(1)
         sides = torch.stack([cos * self.east + sin * self.north, cos * self.north - sin * self.east], dim=1)
         reach = obs["reach"].float()
@@ -68,7 +74,7 @@ class CompactNetwork(nn.Module):
         logits = torch.where(valid, scores, torch.full_like(scores, _INVALID)).flatten(1)
         masked = x * valid
         pooled = torch.cat([masked.sum((2, 3)) / valid.sum((2, 3)).clamp_min(1), masked.amax((2, 3))], dim=1)
-        return Categorical(logits=logits, validate_args=False), self.critic(pooled)[:, 0]
+        return logits, self.critic(pooled)[:, 0]
 
 
 class PaperNetwork(nn.Module):
@@ -140,7 +146,7 @@ class RecurrentNetwork(nn.Module):
         Returns:
             A Categorical with batch shape (B,), the values, (B,), and the recurrent state after each sequence.
         """
-        x = self.features(obs)
+        x = torch.cat([self.features(chunk) for chunk in chunks(obs)])
         sequences = memory[0].shape[1]
         steps = x.reshape(sequences, -1, x.shape[1]).swapaxes(0, 1)
         begins = starts.reshape(sequences, -1).T  # (steps, S)
@@ -225,6 +231,17 @@ def _image_encoder(channels: int, flat: int) -> nn.Sequential:
         *(nn.Conv2d(channels, 16, 8, stride=4), relu, nn.Conv2d(16, 32, 4, stride=2), relu),
         *(nn.Conv2d(32, 32, 3), relu, nn.Flatten(), nn.Linear(flat, 128), relu),
     )
+
+
+def chunks(obs: dict[str, Tensor]) -> list[dict[str, Tensor]]:
+    """Split a batch of encoded observations into batches of at most 100.
+
+    Example:
+        >>> [len(chunk["goal"]) for chunk in chunks({"goal": torch.zeros(220, 3)})]
+        [100, 100, 20]
+    """
+    parts = {name: value.split(_CHUNK) for name, value in obs.items()}
+    return [dict(zip(parts, chunk, strict=True)) for chunk in zip(*parts.values(), strict=True)]
 
 
 def batched(observations: Sequence[dict[str, np.ndarray]]) -> dict[str, Tensor]:

@@ -102,6 +102,7 @@ class TrainingSession(BaseCallback):
         self._sums = np.zeros(settings.environments)
         self._ended: list[tuple[float, dict[str, Any]]] = []  # rewards and infos of the episodes of this rollout
         self._saved = self._started = time.perf_counter()
+        self._threads = torch.get_num_threads()
 
     def resume(self, arrays: dict[str, np.ndarray], header: CheckpointHeader) -> None:
         """Load a checkpoint.
@@ -156,6 +157,8 @@ class TrainingSession(BaseCallback):
         np.random.seed(int(words[1]))  # noqa: NPY002 - the minibatches of Stable-Baselines3
         if not all(torch.isfinite(value).all() for value in network_of(self.model).parameters()):
             raise TrainingError(f"a parameter is not finite after {self.frames} frames; {self._last_checkpoint()}")
+        # The workers need the cores during a rollout: waiting threads of torch would take time from them.
+        torch.set_num_threads(1)
         if self._restart_due:
             self._restart()
         if self._between_episodes and time.perf_counter() - self._saved >= SAVE_EVERY:
@@ -211,6 +214,7 @@ class TrainingSession(BaseCallback):
         self.on_row(row)
 
     def _on_rollout_end(self) -> None:
+        torch.set_num_threads(self._threads)
         if self._ended:
             self._add_row()
         buffer = self.model.rollout_buffer

@@ -20,6 +20,7 @@ from typing import Any
 
 import gymnasium
 import pandas as pd
+import torch
 from gymnasium.envs.registration import load_env_creator
 from torch import nn
 
@@ -129,6 +130,7 @@ def train_policy(
         fingerprint["start"] = weights_sha256(str(first))
     checkpoint = read_checkpoint(folder / CHECKPOINT, fingerprint)  # errors are raised before processes start
     make = partial(make_env, settings, chosen, scenes)
+    threads = torch.get_num_threads()  # the session changes it
     started = time.perf_counter()
     pool = WorkerPool(make, settings.environments, workers, settings.seed)
     try:
@@ -152,6 +154,7 @@ def train_policy(
             session.finish()
     finally:
         pool.close()
+        torch.set_num_threads(threads)
     write_bytes(folder / "curve.csv", pd.DataFrame(session.curve).to_csv(index=False, lineterminator="\n").encode())
     save_weights(
         folder / "policy",

@@ -1,9 +1,12 @@
+import heapq
+
 import numpy as np
 import pytest
 
 from autonerf_lab.geometry import planar_pose
 from autonerf_lab.mapping import empty_map
 from autonerf_lab.planning import LocalPolicy, descend, dilate, path_length, travel_distance, weighted_success
+from autonerf_lab.planning.dilation import bounding_box
 from autonerf_lab.types import Action
 
 MAZE = """
@@ -56,6 +59,43 @@ def test_the_error_on_open_ground_decreases_with_the_cell():
         assert (distance >= exact - 1e-12).all()  # never shorter than the straight line
     assert errors[1] < 0.4 * errors[0]
     assert errors[1] < 0.01
+
+
+def _marched_with_a_heap(free, goal):
+    """Fast marching as in the textbook: always expand the nearest cell, from a heap."""
+    distance = np.full((free.shape[0] + 2, free.shape[1] + 2), np.inf)
+    heap = [(0.0, r + 1, c + 1) for r, c in np.argwhere(free & goal)]
+    best = {(r, c): 0.0 for _, r, c in heap}
+    while heap:
+        key, r, c = heapq.heappop(heap)
+        if distance[r, c] <= key:
+            continue
+        distance[r, c] = key
+        for y, x in ((r - 1, c), (r + 1, c), (r, c - 1), (r, c + 1)):
+            inside = 0 < y <= free.shape[0] and 0 < x <= free.shape[1]
+            if not inside or not free[y - 1, x - 1] or distance[y, x] < np.inf:
+                continue
+            a = min(distance[y - 1, x], distance[y + 1, x])
+            b = min(distance[y, x - 1], distance[y, x + 1])
+            value = (a + b + np.sqrt(2 - (a - b) ** 2)) / 2 if abs(a - b) < 1 else min(a, b) + 1
+            if value < best.get((y, x), np.inf):
+                best[y, x] = value
+                heapq.heappush(heap, (value, y, x))
+    return distance[1:-1, 1:-1]
+
+
+@pytest.mark.parametrize("blocked", [0.0, 0.1, 0.3])
+def test_distances_equal_those_of_a_heap_bit_for_bit(blocked):
+    rng = np.random.default_rng(7)
+    for _ in range(8):
+        free = rng.random((40, 50)) >= blocked
+        goal = rng.random((40, 50)) < rng.choice([0.001, 0.02, 0.3])
+        want = _marched_with_a_heap(free, goal)
+        np.testing.assert_array_equal(travel_distance(free, goal), want)
+        np.testing.assert_array_equal(travel_distance(free, goal, limit=6.3), np.where(want <= 6.3, want, np.inf))
+        row, col = rng.integers(40), rng.integers(50)
+        near = want <= want[row, col]  # everything if it is unreachable
+        np.testing.assert_array_equal(travel_distance(free, goal, stop_at=(row, col)), np.where(near, want, np.inf))
 
 
 def test_stopping_early_does_not_change_the_reached_cells():
@@ -116,6 +156,13 @@ def test_dilation_is_a_disc_around_every_cell(radius):
     for r, c in np.argwhere(mask):
         want |= np.hypot(rows - r, cols - c) <= radius
     np.testing.assert_array_equal(dilate(mask, radius), want)
+
+
+def test_the_bounding_box_contains_all_set_cells_and_none_is_empty():
+    mask = np.zeros((9, 7), bool)
+    assert bounding_box(mask) == (0, 0, 0, 0)
+    mask[0, 3] = mask[6, 1] = mask[2, 6] = True
+    assert bounding_box(mask) == (0, 7, 1, 7)
 
 
 def _map(walls=(), heading=0.0, size=120):
