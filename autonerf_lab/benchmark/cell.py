@@ -32,7 +32,7 @@ FIGURES = {
 FIGURE_WIDTH = 900  # pixels
 
 
-def run_cell(cell: Cell, out: Path, save_run: bool = False, lpips: str | None = None) -> str:
+def run_cell(cell: Cell, out: Path, save_run: bool = False, lpips: str | None = None, device: str | None = None) -> str:
     """Run or continue a cell and write its outcome.
 
     Args:
@@ -40,6 +40,7 @@ def run_cell(cell: Cell, out: Path, save_run: bool = False, lpips: str | None = 
         out: Results folder.
         save_run: Save the run folder in ``runs/CELL``; otherwise only scores and small figures are saved.
         lpips: File of the LPIPS weights; None: LPIPS is not computed.
+        device: Torch device of the field; None: compiled kernels on the CPU.
 
     Returns:
         Status of the cell. An error inside the cell is recorded as its status, with the reason.
@@ -52,18 +53,18 @@ def run_cell(cell: Cell, out: Path, save_run: bool = False, lpips: str | None = 
     with locked(results.work_folder(cell), wait=True):  # a worker of a killed process may still be running
         done = results.read(cell)
         if done is None:
-            done = _attempt(cell, results, save_run, lpips)
+            done = _attempt(cell, results, save_run, lpips, device)
             results.write(done)
         if done.finished:
             shutil.rmtree(results.work_folder(cell), ignore_errors=True)
         return done.status
 
 
-def _attempt(cell: Cell, results: Results, save_run: bool, lpips: str | None) -> Outcome:
+def _attempt(cell: Cell, results: Results, save_run: bool, lpips: str | None, device: str | None) -> Outcome:
     resources.reset_peak()  # discard the peak of the previous cell of this process
     folder = results.saved_run(cell) if save_run else results.work_folder(cell) / "run"
     try:
-        return _run(cell, results, folder, save_run, lpips)
+        return _run(cell, results, folder, save_run, lpips, device)
     except Exception as error:  # one failed cell must not stop the grid
         if storage.is_disk_full(error):
             raise DataError(f"{error}; finished cells are saved, run the same command again to continue") from error
@@ -75,11 +76,11 @@ def _attempt(cell: Cell, results: Results, save_run: bool, lpips: str | None) ->
         return Outcome(cell, f"{kind}: {type(error).__name__}: {error}")
 
 
-def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str | None) -> Outcome:
+def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str | None, device: str | None) -> Outcome:
     if not ((folder / "run.json").exists() and load_run(folder).finished("evaluate")):
         weights = None if lpips is None else Lpips(lpips, results.lpips)
         figures = None if save_run else [figure for _, figure in FIGURES.values()]
-        options = pipeline.StageOptions(weights, baselines=False, optional_tasks=cell.optional, figures=figures)
+        options = pipeline.StageOptions(weights, device, baselines=False, optional_tasks=cell.optional, figures=figures)
         pipeline.run_pipeline(
             folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate", options=options
         )

@@ -28,6 +28,7 @@ def run_grid(
     save_runs: bool = False,
     function: str = RUN_CELL,
     lpips: str | Path | None = None,
+    device: str | None = None,
 ) -> Results:
     """Run the cells of a grid that have no outcome yet, and print the status of each.
 
@@ -44,6 +45,7 @@ def run_grid(
         save_runs: Save the run folder of each cell in ``runs/``.
         function: Function that runs a cell, ``module:name``.
         lpips: File of the LPIPS weights, readable by all workers; None: LPIPS is not computed.
+        device: Torch device of the fields on the workers, such as "cuda"; None: compiled kernels on the CPU.
 
     Returns:
         Results of the grid.
@@ -54,6 +56,7 @@ def run_grid(
         RunFolderError: ``out`` holds other results, or another process uses it.
         DataError: A value is out of range, the LPIPS weights are invalid, the disk is full, or the connection to the
             scheduler was lost. Outcomes of finished cells are saved.
+        DeviceError: The device does not exist on this machine.
         MissingPackageError: A scheduler needs the extra ``cluster``.
 
     Example::
@@ -71,6 +74,10 @@ def run_grid(
     for name, value in (("timeout", seconds), ("memory_gb", memory_gb)):
         if value is not None and not value > 0:
             raise DataError(f"{name} must be more than 0, not {value}")
+    if device is not None and scheduler is None:
+        from autonerf_lab.nerf.model import check_device  # imports torch
+
+        check_device(device)
     weights = None if lpips is None else str(Path(lpips).resolve())
     sha256 = None if weights is None else _checked_weights(weights)
     path = Path(out).resolve()
@@ -81,7 +88,7 @@ def run_grid(
         cells = [cell for cell in grid.cells() if results.read(cell) is None]
         total = len(grid.cells())
         print(f"{total} cells, {total - len(cells)} already finished", flush=True)
-        jobs = [Job(cell, str(path), save_runs, function, weights) for cell in cells]
+        jobs = [Job(cell, str(path), save_runs, function, weights, device) for cell in cells]
         for count, (job, status) in enumerate(
             _run(jobs, workers, scheduler, seconds, memory_gb), total - len(jobs) + 1
         ):

@@ -33,6 +33,7 @@ class Job:
     save_run: bool = False
     function: str = RUN_CELL  # "module:name" of a function with the arguments of :func:`.cell.run_cell`
     lpips: str | None = None  # file of the LPIPS weights
+    device: str | None = None  # torch device of the fields
 
     def run(self) -> str:
         """Run the cell in this process and return its status.
@@ -42,7 +43,7 @@ class Job:
         """
         module, _, name = self.function.partition(":")
         call: Callable[..., str] = getattr(importlib.import_module(module), name)
-        return call(self.cell, Path(self.out), self.save_run, self.lpips)
+        return call(self.cell, Path(self.out), self.save_run, self.lpips, self.device)
 
     def dumps(self) -> str:
         """Return the job as one line of JSON."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, subcommand
 
-from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, OptionalTasks, PresetName, option, split_names
+from autonerf_lab.cli.options import NO_LPIPS, Device, LpipsOptions, OptionalTasks, PresetName, option, split_names
 from autonerf_lab.errors import DataError
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ class BenchRunCommand:
         ),
     ] = None
     save_runs: Annotated[bool, option(help="Save the run folder of each cell in OUT/runs.")] = False
+    device: Device = None
     dry_run: Annotated[bool, option(help="Print the cells and the estimated cost, and exit.")] = False
     lpips: LpipsOptions = NO_LPIPS
 
@@ -87,7 +88,7 @@ class BenchRunCommand:
             return
         results = run_grid(
             grid, self.out, self.workers, self.scheduler, self.timeout, self.memory_gb, retry, self.save_runs,
-            lpips=self.lpips.lpips_weights,
+            lpips=self.lpips.lpips_weights, device=self.device,
         )  # fmt: skip
         print(f"\n{summary(load_results_table(results))}")
         for path in export_results(results):

@@ -6,6 +6,7 @@ from pathlib import Path
 from autonerf_lab.cli.options import (
     NO_LPIPS,
     NO_OVERRIDES,
+    Device,
     ExplorationOptions,
     LpipsOptions,
     ModelName,
@@ -32,6 +33,7 @@ class DemoCommand:
     seed: Seed = 0
     out: OutFolder = Path("runs/demo")
     overwrite: Overwrite = False
+    device: Device = None
     exploration: ExplorationOptions = NO_OVERRIDES
     lpips: LpipsOptions = NO_LPIPS
 
@@ -41,6 +43,6 @@ class DemoCommand:
 
         pipeline.run_pipeline(
             self.out, self.scene, self.policy, self.preset, self.seed, self.model, overwrite=self.overwrite,
-            options=pipeline.StageOptions(self.lpips.load()), **self.exploration.overrides(),
+            options=pipeline.StageOptions(self.lpips.load(), self.device), **self.exploration.overrides(),
         )  # fmt: skip
         print(f"\n{pipeline.score_table(self.out)}\n\nreport: {self.out / 'report.html'}")

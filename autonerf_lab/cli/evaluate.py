@@ -3,7 +3,16 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, OptionalTasks, Overwrite, RunPath, option, split_names
+from autonerf_lab.cli.options import (
+    NO_LPIPS,
+    Device,
+    LpipsOptions,
+    OptionalTasks,
+    Overwrite,
+    RunPath,
+    option,
+    split_names,
+)
 
 
 @dataclass(frozen=True)
@@ -12,6 +21,7 @@ class EvaluateCommand:
 
     folder: RunPath
     overwrite: Overwrite = False
+    device: Device = None
     upstream: Annotated[bool, option(help="Also compute the scores as defined by the paper's released code.")] = False
     optional: OptionalTasks = None
     interest_regions: Annotated[bool, option(help="Sample the pixels of pose refinement in interest regions.")] = False
@@ -23,6 +33,7 @@ class EvaluateCommand:
 
         options = pipeline.StageOptions(
             self.lpips.load(),
+            self.device,
             self.upstream,
             optional_tasks=split_names(self.optional) or (),
             interest_regions=self.interest_regions,

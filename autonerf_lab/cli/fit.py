@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from autonerf_lab.cli.options import NO_LPIPS, LpipsOptions, ModelName, Overwrite, option
+from autonerf_lab.cli.options import NO_LPIPS, Device, LpipsOptions, ModelName, Overwrite, option
 from autonerf_lab.errors import DataError
 
 
@@ -33,6 +33,7 @@ class FitCommand:
         option(metavar="colmap", help="Estimate the poses of photographs with COLMAP.", default="those in the folder"),
     ] = None
     overwrite: Overwrite = False
+    device: Device = None
     lpips: LpipsOptions = NO_LPIPS
 
     def run(self) -> None:
@@ -50,11 +51,12 @@ class FitCommand:
                 raise DataError(f"{self.folder} holds photographs, not a run: give the output folder with --out")
             if self.lpips != NO_LPIPS:
                 raise DataError(f"{self.folder} is a run: give --lpips-weights to `autonerf-lab evaluate`")
-            pipeline.run_stage(self.folder, "fit", self.model, self.overwrite)
+            options = pipeline.StageOptions(device=self.device)
+            pipeline.run_stage(self.folder, "fit", self.model, self.overwrite, options)
             print(f"field: {self.folder / 'nerf'}")
             return
         scores = photographs.fit_photographs(
             self.folder, self.out, self.model, self.preset, self.seed or 0,
-            overwrite=self.overwrite, lpips=self.lpips.load(), poses=self.poses,
+            overwrite=self.overwrite, lpips=self.lpips.load(), poses=self.poses, device=self.device,
         )  # fmt: skip
         print(f"\n{scores.table()}\n\nfield: {self.out / 'nerf'}")

@@ -45,6 +45,10 @@ PresetName = Annotated[
 ]
 Seed = Annotated[int, option(help="Random seed.")]
 OutFolder = Annotated[Path, option(help="Run folder.")]
+Device = Annotated[
+    str | None,
+    option(metavar="NAME", help="Torch device of the radiance field, such as cuda.", default="compiled kernels, CPU"),
+]
 RunPath = Annotated[Positional[Path], option(help="Run folder.")]
 FieldPath = Annotated[Positional[Path], option(help="Run folder, or output folder of `autonerf-lab fit --out`.")]
 Overwrite = Annotated[bool, option(help="Replace finished results. Only files written by this package are removed.")]

@@ -24,6 +24,7 @@ class StageOptions:
     """Options of single stages. They are not part of the configuration of a run."""
 
     lpips: "Lpips | None" = None
+    device: str | None = None  # of the radiance field; None: compiled kernels on the CPU
     upstream: bool = False  # also compute the scores as defined by the released code of the paper
     baselines: bool = True  # also score the nearest view, the fused depth and the oracle
     optional_tasks: Sequence[str] = ()  # such as "navigation"
@@ -94,7 +95,7 @@ class StageContext:
         """
         from autonerf_lab.nerf import load_nerf
 
-        return load_nerf(self.run / "nerf")
+        return load_nerf(self.run / "nerf", self.options.device)
 
 
 def find_scene(name: str) -> "Scene":

@@ -51,6 +51,7 @@ def fit_photographs(
     overwrite: bool = False,
     lpips: "Lpips | None" = None,
     poses: str | None = None,
+    device: str | None = None,
 ) -> "Scores":
     """Train a radiance field on the training photographs and evaluate it on the held-out ones.
 
@@ -66,6 +67,7 @@ def fit_photographs(
         lpips: LPIPS network; None: LPIPS is not computed.
         poses: ``"colmap"`` estimates the poses, see :func:`~autonerf_lab.pipeline.colmap_poses.estimate_poses`; None:
             those of the folder.
+        device: Torch device of the field; None: compiled kernels on the CPU.
 
     Returns:
         PSNR, SSIM and FLIP on the held-out photographs, and those of the baseline ``nearest_view``.
@@ -90,7 +92,7 @@ def fit_photographs(
         data = data or load_dataset(folder, colmap=estimate_poses(folder, out / "colmap"))
         train, held_out = data.split()
         print(f"{len(train)} training photographs, {len(held_out)} held-out photographs", flush=True)
-        nerf = fit(train, model, preset, seed=seed, checkpoint=out / "nerf")
+        nerf = fit(train, model, preset, seed=seed, device=device, checkpoint=out / "nerf")
         scores = evaluate(nerf, held_out, trajectory=train, lpips_weights=lpips)
         scores.baselines["nearest_view"].save(out / "baselines/nearest_view.json")
         scores.save(out / "scores.json")

@@ -39,11 +39,16 @@ def check_arguments(
     for key, value in overrides.items():
         low, high = {"hfov_deg": (0, 180), "map_size": (40, 1 << 14)}.get(key, (0, 1 << 20))
         if value is not None and not low < value < high:
-            raise DataError(f"{key} must be more than {low} and less than {high}, not {value}")
+            option = {"hfov_deg": "--fov"}.get(key, f"--{key.replace('_', '-')}")
+            raise DataError(f"{key} ({option}) must be more than {low} and less than {high}, not {value}")
     if options.voxel is not None and not options.voxel > 0:
         raise DataError(f"voxel must be a length in metres and more than 0, not {options.voxel}")
     if options.mesh_format not in ("glb", "ply", "obj"):
         raise UnknownNameError("mesh format", options.mesh_format, ("glb", "ply", "obj"))
+    if options.device is not None:
+        from autonerf_lab.nerf.model import check_device
+
+        check_device(options.device)
     if options.optional_tasks:
         from autonerf_lab.evaluators.tasks import optional_tasks
 

@@ -44,7 +44,10 @@ def _fit(context: StageContext) -> None:
         raise RunFolderError(f"{context.run.path}: no model is set; choose one with `autonerf-lab fit --model`")
     folder = context.run / "nerf"
     # an interrupted training continues from its checkpoint, which is removed when the field is saved
-    fit(context.trajectory, config.model, context.preset, seed=config.seed, checkpoint=folder).save(folder)
+    fit(
+        context.trajectory, config.model, context.preset, seed=config.seed, device=context.options.device,
+        checkpoint=folder,
+    ).save(folder)  # fmt: skip
 
 
 def _evaluate(context: StageContext) -> None:

@@ -66,7 +66,7 @@ def test_every_command_has_help(command, capsys):
         (["demo", "--policy", "frontire"], "unknown policy 'frontire'; valid names: e2e-cov, "),
         (
             ["demo", "--model", "gauss"],
-            "unknown model 'gauss'; valid names: instant-ngp, semantic-nerf, semantic-nerfacto",
+            "unknown model 'gauss'; valid names: instant-ngp, instant-ngp-rgbd, semantic-nerf, semantic-nerfacto, ",
         ),
         (["demo", "--preset", "fats"], "unknown preset 'fats'; valid names: fast, paper, smoke"),
         (["demo", "--scene", "val-9"], "unknown scene 'val-9'; valid names: dev-0, "),
@@ -75,9 +75,11 @@ def test_every_command_has_help(command, capsys):
         (["report", "nowhere"], "nowhere holds no run"),
         (["scenes", "show", "val-9"], "unknown scene 'val-9'"),
         (["scenes", "generate", "1", "--out", "apartment.txt"], "apartment.txt"),
-        (["demo", "--steps", "0"], "steps must be more than 0 and less than 1048576, not 0"),
-        (["demo", "--fov", "180"], "hfov_deg must be more than 0 and less than 180, not 180.0"),
-        (["explore", "--map-size", "10", "--out", "x"], "map_size must be more than 40"),
+        (["demo", "--steps", "0"], "steps (--steps) must be more than 0 and less than 1048576, not 0"),
+        (["demo", "--fov", "180"], "hfov_deg (--fov) must be more than 0 and less than 180, not 180.0"),
+        (["explore", "--map-size", "10", "--out", "x"], "map_size (--map-size) must be more than 40"),
+        (["demo", "--device", "gpu"], "device 'gpu' is not available on this machine"),
+        (["bench", "run", "--out", "x", "--policies", "random", "--device", "gpu"], "device 'gpu' is not available"),
     ],
 )
 def test_error_is_one_line_and_exit_code_one(arguments, words, capsys, tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from toy_scene import two_rooms
 
 from autonerf_lab.data.trajectory import Trajectory
@@ -286,3 +287,14 @@ def test_log_dir_without_tensorboard_names_the_extra(
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     with pytest.raises(MissingPackageError, match=r"autonerf-lab\[training\]"):
         fit(trajectory, settings=replace(SETTINGS_SMALL, steps=1), preset="smoke", progress=False, log_dir=tmp_path)
+
+
+def test_cuda_trains_what_the_cpu_trains(trajectory: Trajectory) -> None:
+    """Where there is a CUDA device, it gives nearly the field of torch on the CPU; elsewhere the refusal names it."""
+    settings = replace(model_spec("semantic-nerfacto").settings["smoke"], steps=20, rays=256)
+    if not torch.cuda.is_available():
+        with pytest.raises(DeviceError, match="device 'cuda' is not available"):
+            fit(trajectory, settings=settings, device="cuda", progress=False)
+        return
+    fields = [fit(trajectory, settings=settings, device=name, progress=False) for name in ("cpu", "cuda")]
+    assert fields[0].meta["train_psnr"] == pytest.approx(fields[1].meta["train_psnr"], abs=0.2)

@@ -41,7 +41,7 @@ def finished(cell: Cell) -> Outcome:
     return Outcome(cell, "ok", scores_of(cell), {"explore": {"seconds": 36.0, "peak_gb": 0.5}}, curves)
 
 
-def run(cell: Cell, out: Path, save_run: bool, lpips: str | None) -> str:
+def run(cell: Cell, out: Path, save_run: bool, lpips: str | None, device: str | None) -> str:
     """Follow ``behaviour.json`` next to the results folder, by cell. Each call appends a line to ``log``."""
     with (out.parent / "log").open("a") as log:
         log.write(f"{cell.name} {os.environ.get('OMP_NUM_THREADS')}\n")
@@ -71,7 +71,7 @@ def run(cell: Cell, out: Path, save_run: bool, lpips: str | None) -> str:
     return "ok"
 
 
-def run_real(cell: Cell, out: Path, save_run: bool, lpips: str | None) -> str:
+def run_real(cell: Cell, out: Path, save_run: bool, lpips: str | None, device: str | None) -> str:
     """Run a real cell that fails with the error number in ``behaviour.json``, or else with a ``ValueError``."""
     number = read_json(out.parent / "behaviour.json", dict[str, Any]).get(cell.name)
 
