@@ -324,7 +324,7 @@ def block_shares(cells: np.ndarray, block: int) -> np.ndarray:
     # Sums of whole slices: a reduction over the short axes of a block takes ten times as long.
     blocks = cells.reshape(len(cells), grid, block, -1)
     rows = sum((blocks[:, :, k] for k in range(block)), np.uint16(0)).reshape(len(cells), grid, grid, block)
-    counts: np.ndarray = sum((rows[..., k] for k in range(block)), np.float32(0))
+    counts = np.asarray(sum((rows[..., k] for k in range(block)), np.float32(0)))
     return counts / np.float32(block**2)
 
 
