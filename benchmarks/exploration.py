@@ -13,13 +13,17 @@ novelty and reconstruction are compared by explored area. Upper bounds are greed
 (``omniscient area`` etc., one per quantity). Each rollout is saved as a JSON file under ``--cells``; an interrupted run
 resumes there, and changed weights are evaluated again.
 
-Speed: duration of a recorded episode (128 x 128, supersampled), and training steps per second with 1 and 2 workers.
+Speed: duration of a recorded episode (128 x 128, supersampled), and training steps per second with 1 and 2 workers,
+learning included; the functions that take the time of a training environment. ``--quick`` trains with 2 workers, fewer
+environments and shorter rollouts.
 
 Prints tables and, as the last line, one JSON object.
 """
 
 import argparse
+import cProfile
 import json
+import pstats
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -212,8 +216,9 @@ def speed(quick: bool) -> dict[str, float]:
     figures = {"episode_s": in_fresh_process(1, episode_seconds, 200 if quick else 1500)}
     print(f"\nepisode of 1500 steps, 128 x 128, supersampled, with map: {figures['episode_s']:.1f} s")
     for kind, policy in (("modular", "modular-obs"), ("e2e", "e2e-cov")):
-        for workers in (1, 2):
-            rate = in_fresh_process(workers, steps_per_second, policy, workers, 1 if quick else 4)
+        print(in_fresh_process(1, time_table, policy, 20 if quick else 200))
+        for workers in (2,) if quick else (1, 2):
+            rate = in_fresh_process(workers, steps_per_second, policy, workers, quick)
             print(
                 f"training {policy}, {workers} worker{'s' * (workers > 1)}: {rate:.0f} robot steps/s, updates included"
             )
@@ -230,15 +235,17 @@ def episode_seconds(steps: int) -> float:
     return (time.perf_counter() - started) * 1500 / steps
 
 
-def steps_per_second(policy: str, workers: int, rollouts: int) -> float:
+def steps_per_second(policy: str, workers: int, quick: bool) -> float:
     """Measure robot steps per second of additional rollouts, which excludes the start of a training."""
     from autonerf_lab.training.settings import settings_of
     from autonerf_lab.training.train import train_policy
 
     settings = settings_of(policy, demonstrations=0)
+    if quick:
+        settings = replace(settings, environments=4, rollout=25, episode=25, batch=50)
     decisions = settings.rollout * settings.environments
     seconds, frames = [], []
-    for count in (1, 1 + rollouts):
+    for count in (1, 2 if quick else 5):
         longer = replace(settings, frames=count * decisions * make_interface(settings.network).follow)
         with tempfile.TemporaryDirectory() as folder:
             started = time.perf_counter()
@@ -246,6 +253,29 @@ def steps_per_second(policy: str, workers: int, rollouts: int) -> float:
             seconds.append(time.perf_counter() - started)
             frames.append(read_meta(weights)["frames"])
     return (frames[1] - frames[0]) / (seconds[1] - seconds[0])
+
+
+def time_table(policy: str, decisions: int) -> str:
+    """Return the ten functions that take most of the time of a training environment, with random actions."""
+    from autonerf_lab.training.settings import settings_of
+    from autonerf_lab.training.train import make_env
+
+    env = make_env(settings_of(policy, demonstrations=0), policy.partition("-")[2])
+    rng = np.random.default_rng(0)
+    profile, steps = cProfile.Profile(), 0
+    for decisions_of_pass in (2, decisions):  # the first pass compiles the kernels
+        profile, steps = cProfile.Profile(), 0
+        obs, _ = env.reset(seed=0)
+        profile.enable()
+        for _ in range(decisions_of_pass):
+            blocks = np.flatnonzero(obs["reach"][0]) if "reach" in obs else np.arange(3)
+            obs, _, _, _, info = env.step(rng.choice(blocks))
+            steps += info.get("steps", 1)
+        profile.disable()
+    found: dict[Any, Any] = pstats.Stats(profile).stats  # type: ignore[attr-defined]
+    rows = sorted(found.items(), key=lambda row: -row[1][2])[:10]  # by own time
+    lines = [f"  {1000 * row[2] / steps:6.3f} ms  {name} ({Path(file).name})" for (file, _, name), row in rows]
+    return "\n".join([f"\n{policy}: own time per robot step, one environment, profiled", *lines])
 
 
 if __name__ == "__main__":
