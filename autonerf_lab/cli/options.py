@@ -77,6 +77,15 @@ class ExplorationOptions:
         option(metavar="DEGREES", help="Horizontal field of view of the camera.", default="from the preset"),
     ] = None
 
+    noise: Annotated[
+        str | None,
+        option(metavar="NAME", help="Noise of motion and odometry: ans, locobot, and others.", default="none"),
+    ] = None
+    noise_scale: Annotated[float | None, option(metavar="X", help="Factor of this noise.", default="1")] = None
+    depth_noise: Annotated[
+        str | None, option(metavar="NAME", help="Noise of depth images: redwood.", default="none")
+    ] = None
+
     def overrides(self) -> dict[str, Any]:
         """Return the arguments for :func:`autonerf_lab.pipeline.run_pipeline`."""
         return {
@@ -85,6 +94,9 @@ class ExplorationOptions:
             "width": self.width,
             "height": self.height,
             "hfov_deg": self.fov,
+            "noise": self.noise,
+            "noise_scale": self.noise_scale,
+            "depth_noise": self.depth_noise,
         }
 
 

@@ -34,10 +34,11 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
         rgb: False leaves the color images black, which is several times faster.
         supersample: samples per pixel side of the color images.
         noise: noise of actuation and odometry; None for no noise.
+        depth_noise: noise of the depth images, ``"redwood"``; None for no noise.
         render_mode: None, or ``"rgb_array"`` for the robot's color image.
 
     Raises:
-        UnknownNameError: unknown scene.
+        UnknownNameError: unknown scene or depth noise.
         ValueError: no scene, or an unknown render mode.
     """
 
@@ -51,6 +52,7 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
         supersample: int = 1,
         noise: MotionNoise | None = None,
         render_mode: str | None = None,
+        depth_noise: str | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode must be None or 'rgb_array', not {render_mode!r}")
@@ -59,7 +61,7 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
         if not self._scenes:
             raise ValueError("scene must name at least one scene, not an empty sequence")
         self._intrinsics = Intrinsics.from_fov(size, size)
-        self._rgb, self._supersample, self._noise = rgb, supersample, noise
+        self._rgb, self._supersample, self._noise, self._depth_noise = rgb, supersample, noise, depth_noise
         self._simulators: dict[int, Simulator] = {}
         for name in {s for s in self._scenes if isinstance(s, str)} - set(scene_names()):
             load_scene(name)  # an unknown name fails here and not at a later reset
@@ -96,7 +98,9 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
             scene = self._scenes[index]
             if isinstance(scene, str):
                 scene = _shared(scene) if scene in scene_names() else load_scene(scene)
-            self._simulators[index] = Simulator(scene, self._intrinsics, self._supersample, self._rgb, self._noise)
+            self._simulators[index] = Simulator(
+                scene, self._intrinsics, self._supersample, self._rgb, self._noise, depth_noise=self._depth_noise
+            )
         return self._simulators[index]
 
 

@@ -102,6 +102,7 @@ def explore(
         "steps": steps,
         "supersample": sim.supersample,
         "noise": asdict(sim.noise),
+        "depth_noise": sim.depth_noise,
         "actions": actions,
         "collided": collided,
         "explored_m2": explored,

@@ -36,6 +36,7 @@ def check_arguments(
         DataError: The weights of a policy are missing or damaged, or a value is out of range.
     """
     options = options or StageOptions()
+    _check_noise(*(overrides.pop(name, None) for name in ("noise", "noise_scale", "depth_noise")))
     for key, value in overrides.items():
         low, high = {"hfov_deg": (0, 180), "map_size": (40, 1 << 14)}.get(key, (0, 1 << 20))
         if value is not None and not low < value < high:
@@ -65,6 +66,17 @@ def check_arguments(
         model_spec(model)
 
 
+def _check_noise(noise: str | None, scale: float | None, depth: str | None) -> None:
+    if noise is None and scale is not None:
+        raise DataError("noise_scale (--noise-scale) needs a noise model: choose one with --noise, such as ans")
+    if noise is not None or depth is not None:
+        from autonerf_lab.simulator.depth_noise import depth_noise
+        from autonerf_lab.simulator.motion_noise import motion_noise
+
+        motion_noise(noise, scale)
+        depth_noise(depth)
+
+
 def run_pipeline(
     out: str | Path,
     scene: str,
@@ -89,7 +101,8 @@ def run_pipeline(
         last: Name of the last stage.
         overwrite: Replace a finished or different run.
         options: Options of the stages.
-        overrides: ``steps``, ``map_size``, ``width``, ``height`` and ``hfov_deg`` of :class:`RunConfig`.
+        overrides: ``steps``, ``map_size``, ``width``, ``height``, ``hfov_deg``, ``noise``, ``noise_scale`` and
+            ``depth_noise`` of :class:`RunConfig`.
 
     Raises:
         AutoNerfError: A name is unknown, the folder holds something else, or a stage failed.

@@ -68,6 +68,9 @@ class RunConfig:
     width: int | None = None  # of the images, pixels
     height: int | None = None  # of the images, pixels
     hfov_deg: float | None = None  # horizontal field of view of the camera, degrees
+    noise: str | None = None  # model of the noise of motion and odometry; None: exact
+    noise_scale: float | None = None  # factor of this noise
+    depth_noise: str | None = None  # model of the noise of depth images; None: exact
 
     def differences(self, other: "RunConfig") -> list[str]:
         """Return a description of each difference. A model that only one side has set does not count.

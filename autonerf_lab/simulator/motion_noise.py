@@ -5,14 +5,17 @@
 angles are counter-clockwise, so both change sign. A rotation by another angle is treated as several rotations of
 10 degrees: means grow with the angle, standard deviations with its square root.
 
-``locobot``: the noisier actuation model of habitat-sim, added to the commanded motion independently of its length.
+``locobot``, ``locobot-proportional`` and ``locobot-movebase``: the noisier actuation models of PyRobot for three
+controllers (ILQR, proportional and movebase; Murali et al. 2019, as in habitat-sim), added to the commanded motion
+independently of its length. Samples are truncated at three standard deviations, and a motion keeps at least 5 % of its
+command.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.geometry import FORWARD_STEP, TURN_ANGLE
 from autonerf_lab.types import Action
 
@@ -57,9 +60,32 @@ _ODOMETRY = {
         Gaussian(0.439, (2.3, -19.5, 0.068), (0.0, 0.0, 0.061)),
     ),
 }
-_LOCOBOT_FORWARD = ((0.014, 0.009, 0.0), (0.077, 0.071, 0.063))  # mean and standard deviation; metres, metres, radians
-_LOCOBOT_TURN = ((0.0, 0.0, 0.0), (0.045, 0.055, 0.11))
-MODELS = ("ans", "locobot")
+
+
+@dataclass(frozen=True)
+class ControllerNoise:
+    """Independent Gaussian noise of a controller: metres forward, metres to the left, radians."""
+
+    forward_mean: Motion
+    forward_variance: Motion
+    turn_mean: Motion  # the angle has the sign of the commanded rotation
+    turn_variance: Motion
+
+
+_CONTROLLERS = {
+    "locobot": ControllerNoise(
+        (0.014, 0.009, 0.008), (0.006, 0.005, 0.004), (0.003, 0.003, 0.023), (0.002, 0.003, 0.012)
+    ),
+    "locobot-proportional": ControllerNoise(
+        (0.017, 0.042, 0.031), (0.007, 0.023, 0.026), (0.001, 0.005, 0.043), (0.001, 0.004, 0.017)
+    ),
+    "locobot-movebase": ControllerNoise(
+        (0.074, 0.036, 0.189), (0.019, 0.033, 0.038), (0.002, 0.003, 0.219), (0.0, 0.002, 0.019)
+    ),
+}
+_TRUNCATION = 3.0  # standard deviations
+_LARGEST_LOSS = 0.95  # share of the commanded motion
+MODELS = ("ans", *_CONTROLLERS)
 
 
 @dataclass(frozen=True)
@@ -68,6 +94,7 @@ class MotionNoise:
 
     Raises:
         UnknownNameError: There is no noise model of that name.
+        DataError: The scale is negative or not finite.
 
     Example:
         >>> forward, left, turn = MotionNoise().motion(Action.FORWARD, np.random.default_rng(0))
@@ -79,11 +106,14 @@ class MotionNoise:
 
     actuation: bool = True  # the motion differs from the command
     odometry: bool = True  # the measured motion differs from the true one: ``Observation.pose`` drifts
-    model: str = "ans"  # actuation model, ``ans`` or ``locobot``; the odometry model is always ``ans``
+    model: str = "ans"  # actuation model, one of :data:`MODELS`; the odometry model is always ``ans``
+    scale: float = 1.0  # factor of all deviations from the command and from the true motion
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
             raise UnknownNameError("noise model", self.model, MODELS)
+        if not 0 <= self.scale < np.inf:
+            raise DataError(f"the scale of motion noise must be 0 or more and finite, not {self.scale}")
 
     def motion(self, action: Action, rng: np.random.Generator) -> Motion:
         """Sample the motion that an action causes without obstacles, in the robot's frame."""
@@ -91,14 +121,39 @@ class MotionNoise:
         if not self.actuation:
             return command
         if self.model == "ans":
-            return _sample(_ACTUATION[action], _scale(action), rng)
-        mean, sigma = _LOCOBOT_FORWARD if action == Action.FORWARD else _LOCOBOT_TURN
-        x, y, turn = np.asarray(command) + rng.normal(mean, sigma)
-        return float(x), float(y), float(turn)
+            x, y, turn = _sample(_ACTUATION[action], _scale(action), rng)
+            if self.scale != 1:
+                deviation = self.scale * (np.array([x, y, turn]) - command)
+                x, y, turn = (float(value) for value in command + deviation)
+            return x, y, turn
+        noise = _CONTROLLERS[self.model]
+        forward = action == Action.FORWARD
+        mean, variance = (
+            (noise.forward_mean, noise.forward_variance) if forward else (noise.turn_mean, noise.turn_variance)
+        )
+        error = self.scale * _truncated_normal(np.array(mean), np.sqrt(variance), rng)
+        # The commanded component grows or shrinks by its error.
+        main = 0 if forward else 2
+        error[main] = np.sign(command[main]) * max(error[main], -_LARGEST_LOSS * abs(command[main]))
+        x, y, turn = (float(value) for value in command + error)
+        return x, y, turn
 
     def odometry_error(self, action: Action, rng: np.random.Generator) -> Motion:
         """Sample the error that odometry adds to the true motion, in the robot's frame."""
-        return _sample(_ODOMETRY[action], _scale(action), rng) if self.odometry else (0.0, 0.0, 0.0)
+        if not self.odometry:
+            return 0.0, 0.0, 0.0
+        x, y, turn = _sample(_ODOMETRY[action], _scale(action), rng)
+        return self.scale * x, self.scale * y, self.scale * turn
+
+
+def motion_noise(model: str | None, scale: float | None = None) -> MotionNoise | None:
+    """Return the noise of a model by name, for actuation and odometry; None for none.
+
+    Raises:
+        UnknownNameError: There is no noise model of that name.
+        DataError: The scale is negative or not finite.
+    """
+    return None if model is None else MotionNoise(model=model, scale=1.0 if scale is None else scale)
 
 
 def compose(x: float, y: float, heading: float, motion: Motion) -> tuple[float, float, float]:
@@ -132,3 +187,11 @@ def _sample(mixture: tuple[Gaussian, ...], scale: float, rng: np.random.Generato
     component = mixture[rng.choice(len(mixture), p=[g.weight for g in mixture])]
     x, y, turn = rng.normal(np.array(component.mean) * scale, np.array(component.sigma) * np.sqrt(scale))
     return float(x) / 1000, -float(y) / 1000, -float(np.radians(turn))
+
+
+def _truncated_normal(mean: np.ndarray, sigma: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Sample independent normal values again until they lie within the truncation."""
+    error = rng.normal(size=mean.shape)
+    while (outside := np.abs(error) > _TRUNCATION).any():
+        error[outside] = rng.normal(size=int(outside.sum()))
+    return mean + sigma * error

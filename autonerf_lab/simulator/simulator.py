@@ -10,6 +10,7 @@ import numpy as np
 from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, planar_pose
 from autonerf_lab.scenes.scene import Scene
+from autonerf_lab.simulator.depth_noise import depth_noise as depth_noise_model
 from autonerf_lab.simulator.motion_noise import Motion, MotionNoise, compose
 from autonerf_lab.simulator.navigation import NavigationGrid, build_navigation
 from autonerf_lab.simulator.rasterizer import chunk_bounds, rasterize, shade
@@ -77,10 +78,12 @@ class Simulator:
             centre.
         rgb: Render colours; False leaves them black, which is faster.
         noise: Noise of motion and odometry; default: none.
+        depth_noise: Noise of the depth in observations, ``"redwood"``; default: none. :meth:`render` stays exact.
         gloss: Render view-dependent highlights on glossy surfaces (generated scenes only).
 
     Raises:
         SceneError: The scene has no floor, the robot fits nowhere, or ``gloss`` is True for an imported mesh.
+        UnknownNameError: There is no depth noise of that name.
         ValueError: ``supersample`` is below 1.
 
     Example:
@@ -100,6 +103,7 @@ class Simulator:
         rgb: bool = True,
         noise: MotionNoise | None = None,
         gloss: bool = False,
+        depth_noise: str | None = None,
     ) -> None:
         if supersample < 1:
             raise ValueError(f"supersample must be at least 1, not {supersample}")
@@ -108,6 +112,8 @@ class Simulator:
         self.supersample = supersample
         self.rgb = rgb
         self.noise = noise or _NO_NOISE
+        self.depth_noise = depth_noise
+        self._measure = depth_noise_model(depth_noise)
         if scene not in _geometries:
             _geometries[scene] = _SceneGeometry(scene)
         self._geometry = _geometries[scene]
@@ -120,13 +126,16 @@ class Simulator:
         self._fine_face = np.empty((height * supersample, width * supersample), np.int32)
         self._fine_inverse_depth = np.empty(self._fine_face.shape, np.float32)
         self._rng = np.random.default_rng(0)
+        self._depth_rng = self._rng.spawn(1)[0]  # apart, so that depth noise changes no motion
         self._true_pose = (0.0, 0.0, 0.0)  # true x, y (metres), heading (radians)
         self._odometry = self._true_pose  # x, y, heading by odometry
         self._collided = False
         self._step = 0
 
     @classmethod
-    def from_preset(cls, scene: Scene, preset: "Preset") -> "Simulator":
+    def from_preset(
+        cls, scene: Scene, preset: "Preset", noise: MotionNoise | None = None, depth_noise: str | None = None
+    ) -> "Simulator":
         """Create a simulator with the camera intrinsics and supersampling of a preset.
 
         Example:
@@ -136,7 +145,7 @@ class Simulator:
             48
         """
         intrinsics = Intrinsics.from_fov(preset.width, preset.height, preset.hfov_deg)
-        return cls(scene, intrinsics, supersample=preset.supersample)
+        return cls(scene, intrinsics, preset.supersample, noise=noise, depth_noise=depth_noise)
 
     @property
     def pose(self) -> np.ndarray:
@@ -201,6 +210,7 @@ class Simulator:
             SceneError: The robot does not fit at ``pose``.
         """
         self._rng = np.random.default_rng(seed)
+        self._depth_rng = self._rng.spawn(1)[0]
         x, y, heading = planar_from_pose(self.sample_pose(self._rng) if pose is None else np.asarray(pose))
         if not self.navigation.is_navigable(x, y):
             raise SceneError(
@@ -246,7 +256,8 @@ class Simulator:
         """Return the observation at the current pose."""
         frame = self.render(self.pose, self.rgb)
         pose = planar_pose(*self._odometry)
-        return Observation(frame.rgb, frame.depth, frame.semantics, pose, self._collided, self._step)
+        depth = frame.depth if self._measure is None else self._measure(frame.depth, self._depth_rng)
+        return Observation(frame.rgb, depth, frame.semantics, pose, self._collided, self._step)
 
     def step(self, action: int) -> Observation:
         """Execute an action and return the next observation; arguments and errors are those of :meth:`move`."""

@@ -19,6 +19,7 @@ from autonerf_lab.nerf import MODELS, NeRF, checkpoint, fit, load_nerf, model_sp
 from autonerf_lab.nerf.model import ModelSpec
 from autonerf_lab.nerf.ray_batch import Rays, to_numpy
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.simulator.depth_noise import redwood
 
 CAMERA = Intrinsics.from_fov(24, 24)
 # Share of the colour variance that may remain. The walls have random colours; a deep network needs far more steps for
@@ -85,6 +86,18 @@ def test_training_learns_colours_classes_and_depth(fields: dict[str, NeRF], traj
     assert np.median(np.abs(depth - truth)) < np.median(np.abs(np.median(truth) - truth))
     semantics = np.stack([image.semantics for image in images])
     assert (semantics == trajectory.semantics[::6]).mean() >= (trajectory.semantics[::6] == 0).mean()
+
+
+@pytest.mark.parametrize("name", [name for name in MODELS if name.endswith("-rgbd")])
+def test_depth_may_be_noisy_and_have_holes(trajectory: Trajectory, name: str) -> None:
+    """The noise of a structured-light sensor, and a third of each image without depth."""
+    assert trajectory.depth is not None
+    rng = np.random.default_rng(0)
+    depth = np.stack([redwood(image, rng) for image in trajectory.depth])
+    depth[:, :, :8] = 0
+    field = fit(replace(trajectory, depth=depth), name, preset="smoke", progress=False)
+    errors = [field.render(trajectory.poses[t]).depth - trajectory.depth[t] for t in range(0, 60, 6)]
+    assert np.median(np.abs(errors)) < 0.1
 
 
 @every_model
