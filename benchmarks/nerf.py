@@ -10,9 +10,10 @@ turns; the kernels must take at most a tenth of torch's time. Limit: the operati
 benchmarks/common/operations.py) at the rate of a large matrix product in the same run; the step must take at most three
 times that.
 
-Quality: views are uniform over the scene, without depth. There is one fit with the number of steps of the preset, and
+Quality: views are uniform over the scene. There is one fit with the number of steps of the preset, and
 one fit for each of ``--seconds``, with the number of steps that takes so long: a fit that is cut short would not
-complete its learning-rate schedule. Seconds count the training without the evaluations. The baseline shows the nearest
+complete its learning-rate schedule. Models with -rgbd also train on depth. Seconds count the training without the
+evaluations. The baseline shows the nearest
 training view. Each fit runs in its own process.
 
 Prints tables and, as the last line, one JSON object, which is also written to ``--out`` with a CSV and a figure.
@@ -31,10 +32,18 @@ import torch
 from common.growth import growth
 from common.operations import describe, step_operations, total_operations
 from common.output import mean_of, write_csv
-from common.training import Trainer, fit_and_score, in_fresh_process, interleaved, pixels_of
+from common.training import (
+    Trainer,
+    fit_and_score,
+    in_fresh_process,
+    interleaved,
+    milliseconds_per_step,
+    pixels_of,
+)
 from common.views import read_views, write_views
 
 from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.nerf.models import MODELS
 from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
 from autonerf_lab.nerf.settings import ProposalSettings
 from autonerf_lab.scenes import scene_names
@@ -105,16 +114,16 @@ def print_step(found: dict[str, float], settings: ProposalSettings, threads: int
     )
 
 
-def learn_scene(folder: Path, fits: dict[str, int], step_ms: float, threads: int) -> dict[str, dict]:
-    """Run all fits of one scene, and return the results by name; marks near the end are dropped."""
+def learn_scene(folder: Path, model: str, fits: dict[str, int], step_ms: float, threads: int) -> dict[str, dict]:
+    """Run all fits of one model to one scene, and return the results by name; marks near the end are dropped."""
     found = {}
     for name, steps in fits.items():
         marks = tuple(mark for mark in MARKS if mark < 0.9 * steps * step_ms / 1000)
-        settings = replace(SETTINGS["fast"], steps=steps)
-        found[name] = in_fresh_process(threads, fit_and_score, folder, settings, marks)
+        settings = replace(MODELS[model].settings["fast"], steps=steps)
+        found[name] = in_fresh_process(threads, fit_and_score, folder, settings, marks, model)
         last = found[name]["rows"][-1]
         print(
-            f"  {name:<8}{last['step']:>7} steps {last['seconds']:>7.1f} s  PSNR {last['psnr']:.2f} dB  per-class "
+            f"  {model:<24}{name:<8}{last['step']:>7} steps {last['seconds']:>7.1f} s  PSNR {last['psnr']:.2f} dB  per-class "
             f"accuracy {last['per_class_accuracy']:.1f} %  depth error {100 * last['depth_median_error_m']:.1f} cm",
             flush=True,
         )
@@ -163,8 +172,14 @@ def quality(
     options: argparse.Namespace, step: dict[str, float], views: dict[str, Path], nearest: dict[str, dict]
 ) -> dict:
     """Fit every scene, write ``nerf.csv`` and ``nerf.png``, and return the values of the JSON."""
-    fits = {} if options.no_fast else {"fast": SETTINGS["fast"].steps}
-    fits |= {f"{seconds:g} s": round(1000 * seconds / step["step_ms"]) for seconds in options.seconds}
+    step_ms = {"semantic-nerfacto": step["step_ms"]}
+    for model in options.models:
+        settings, warm_up = MODELS[model].settings["fast"], 30 if options.quick else 500
+        if model not in step_ms:
+            step_ms[model] = in_fresh_process(
+                options.threads, milliseconds_per_step, views[options.scenes[0]], settings, model, warm_up
+            )
+            print(f"a step of {model} takes {step_ms[model]:.1f} ms")
     rows: list[dict[str, Any]] = []
     processes = []
     for scene, folder in views.items():
@@ -172,15 +187,22 @@ def quality(
         scores = {key: value for key, value in nearest[scene].items() if key not in ("area_m2", "lpips")}
         scores["depth_median_error_m"] = None  # the training views have no depth
         rows.append({"scene": scene, "fit": "nearest view", "mark_s": None, "seconds": None, "step": None} | scores)
-        for name, result in learn_scene(folder, fits, step["step_ms"], options.threads).items():
-            processes.append(result)
-            scored = [{key: value for key, value in row.items() if key != "lpips"} for row in result["rows"]]
-            rows += [{"scene": scene, "fit": name} | row for row in scored]
+        for model in options.models:
+            fits = {} if options.no_fast else {"fast": MODELS[model].settings["fast"].steps}
+            fits |= {f"{seconds:g} s": round(1000 * seconds / step_ms[model]) for seconds in options.seconds}
+            for name, result in learn_scene(folder, model, fits, step_ms[model], options.threads).items():
+                processes.append(result)
+                scored = [{key: value for key, value in row.items() if key != "lpips"} for row in result["rows"]]
+                label = name if model == "semantic-nerfacto" else f"{name}, {model}"
+                rows += [{"scene": scene, "fit": label} | row for row in scored]
     write_csv(options.out / "nerf.csv", rows)
     plot(rows, options.out / "nerf.png")
     ends = [row for row in rows if row["mark_s"] is None]
     minute = [row for row in ends if row["fit"] == "60 s"]
+    rgbd = [row for row in ends if row["fit"] == "60 s, semantic-nerfacto-rgbd"]
     return {
+        "psnr_60s_rgbd": mean_of(rgbd, "psnr"),
+        "depth_median_error_m_60s_rgbd": mean_of(rgbd, "depth_median_error_m"),
         "psnr_60s": mean_of(minute, "psnr"),
         "per_class_accuracy_60s": mean_of(minute, "per_class_accuracy"),
         "depth_median_error_m_60s": mean_of(minute, "depth_median_error_m"),
@@ -196,6 +218,9 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", nargs="+", default=scene_names("dev"), help="Names of scenes.")
     parser.add_argument("--seconds", nargs="*", type=float, default=[60, 300], help="Durations of fits, seconds.")
+    parser.add_argument(
+        "--models", nargs="+", default=["semantic-nerfacto", "semantic-nerfacto-rgbd"], help="Names of models."
+    )
     parser.add_argument("--no-fast", action="store_true", help="Skip the fit of the preset.")
     parser.add_argument("--views", type=int, default=600, help="Training views per scene.")
     parser.add_argument("--test-views", type=int, default=60, help="Test views per scene.")

@@ -21,7 +21,7 @@ from autonerf_lab.nerf import fit
 from autonerf_lab.nerf.checkpoint import TrainingState
 from autonerf_lab.nerf.fit import train_step
 from autonerf_lab.nerf.frame import FieldFrame
-from autonerf_lab.nerf.model import Model
+from autonerf_lab.nerf.model import DepthGuidedSampler, Model
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
@@ -67,6 +67,8 @@ class Trainer:
         box = SceneBox.around(pixels.poses[:, :3, 3].astype(np.float64), settings.margin, settings.shell)
         rng = np.random.default_rng(0)
         self.model: Model = model_spec(model).build(settings, box, len(pixels.poses), NUM_CLASSES, rng, device)
+        if isinstance(self.model.sampler, DepthGuidedSampler):
+            self.model.sampler.observe(pixels)
         self.state = TrainingState(self.model, Adam(self.model.parameters), rng)
 
     def step(self) -> dict[str, float]:
@@ -95,6 +97,14 @@ class Trainer:
 def pixels_of(views: Trajectory) -> PixelSampler:
     """Return a sampler of the pixels of training views."""
     return PixelSampler(Dataset.from_trajectory(views), FieldFrame())
+
+
+def milliseconds_per_step(folder: Path, settings: Settings, model: str, warm_up: int) -> float:
+    """Return the duration of a training step after ``warm_up`` steps, with views of a folder."""
+    trainer = Trainer(pixels_of(read_views(folder, depth=settings.depth_weight > 0)[0]), settings, model)
+    for _ in range(warm_up):
+        trainer.step()
+    return interleaved({model: (trainer.step, 10)}, 7)[model]
 
 
 def interleaved(steps: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:
