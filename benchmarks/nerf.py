@@ -124,7 +124,8 @@ def learn_scene(folder: Path, model: str, fits: dict[str, int], step_ms: float, 
         last = found[name]["rows"][-1]
         print(
             f"  {model:<24}{name:<8}{last['step']:>7} steps {last['seconds']:>7.1f} s  PSNR {last['psnr']:.2f} dB  "
-            f"per-class accuracy {last['per_class_accuracy']:.1f} %  depth error {100 * last['depth_median_error_m']:.1f} cm",
+            f"per-class accuracy {last['per_class_accuracy']:.1f} %  "
+            f"depth error {100 * last['depth_median_error_m']:.2f} cm",
             flush=True,
         )
     return found
