@@ -50,7 +50,6 @@ from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.policies import POLICIES, Policy, load_policy, make_policy, weights_path, weights_sha256
 from autonerf_lab.policies.spec import make_interface
-from autonerf_lab.policies.weights import read_meta
 from autonerf_lab.scenes import load_scene, scene_names
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import MapState
@@ -236,23 +235,23 @@ def episode_seconds(steps: int) -> float:
 
 
 def steps_per_second(policy: str, workers: int, quick: bool) -> float:
-    """Measure robot steps per second of additional rollouts, which excludes the start of a training."""
+    """Measure robot steps per second from the end of the first rollout to that of the last: updates and rollouts."""
     from autonerf_lab.training.settings import settings_of
     from autonerf_lab.training.train import train_policy
 
     settings = settings_of(policy, demonstrations=0)
-    if quick:
-        settings = replace(settings, environments=4, rollout=25, episode=25, batch=50)
+    short = {"environments": 4, "rollout": 25, "batch": 50} if quick else {}
+    settings = replace(settings, **short)
+    settings = replace(settings, episode=settings.rollout)  # an episode ends, and the callback is called, every rollout
     decisions = settings.rollout * settings.environments
-    seconds, frames = [], []
-    for count in (1, 2 if quick else 5):
-        longer = replace(settings, frames=count * decisions * make_interface(settings.network).follow)
-        with tempfile.TemporaryDirectory() as folder:
-            started = time.perf_counter()
-            weights = train_policy(policy, folder, longer, workers=workers, progress=False)
-            seconds.append(time.perf_counter() - started)
-            frames.append(read_meta(weights)["frames"])
-    return (frames[1] - frames[0]) / (seconds[1] - seconds[0])
+    settings = replace(settings, frames=(4 if quick else 5) * decisions * make_interface(settings.network).follow)
+    marks: list[tuple[float, float]] = []  # seconds, frames
+    with tempfile.TemporaryDirectory() as folder:
+        train_policy(
+            policy, folder, settings, workers=workers, progress=False,
+            callback=lambda row: marks.append((time.perf_counter(), row["frames"])),
+        )  # fmt: skip
+    return (marks[-1][1] - marks[0][1]) / (marks[-1][0] - marks[0][0])
 
 
 def time_table(policy: str, decisions: int) -> str:
