@@ -44,7 +44,7 @@ def export_tum(trajectory: "Trajectory | Dataset", path: str | Path) -> Path:
     times = stamps if isinstance(stamps, list) and len(stamps) == len(trajectory) else range(len(trajectory))
     lines = ["# time x y z qx qy qz qw"]
     for time, pose in zip(times, trajectory.poses, strict=True):
-        quaternion = Rotation.from_matrix(pose[:3, :3] @ _TURN).as_quat()
+        quaternion = Rotation.from_matrix(pose[:3, :3] @ _TURN).as_quat(canonical=True)
         lines.append(f"{float(time):.6f} " + " ".join(f"{value:.9f}" for value in (*pose[:3, 3], *quaternion)))
     write_bytes(path, ("\n".join(lines) + "\n").encode())
     return path

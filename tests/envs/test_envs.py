@@ -16,7 +16,7 @@ from autonerf_lab.envs.pointgoal import STOP, PointGoalEnv
 from autonerf_lab.envs.waypoint import WaypointEnv
 from autonerf_lab.errors import RewardError, UnknownNameError
 from autonerf_lab.exploration import MAP_SIZE
-from autonerf_lab.geometry import planar_from_pose, planar_pose, world_to_cell
+from autonerf_lab.geometry import planar_from_pose, planar_pose
 from autonerf_lab.mapping import empty_map
 from autonerf_lab.policies.interfaces import FOLLOW_STEPS, CompactInterface, PaperInterface, stack_maps, window_slices
 from autonerf_lab.policies.modular import Modular
@@ -383,22 +383,3 @@ def test_the_paper_interface_accepts_the_map_of_explore():
     training = empty_map(planar_pose(0.03, 0.02, 0.0), 720)
     training.explored[360:362, 360:370] = True
     np.testing.assert_array_equal(interface.observe(map)["map"], interface.observe(training)["map"])
-
-
-@pytest.mark.parametrize("size", [720, 640, 201, 90])
-def test_the_paper_interface_sees_the_same_in_finer_maps(size):
-    """A window of 48 cells of 25 cm: the same on a map with such cells and on finer ones, apart from their border."""
-    interface = PaperInterface(48)
-    coarse, fine = empty_map(np.eye(4), 144, 0.25), empty_map(np.eye(4), size, 0.05)
-    for map in (coarse, fine):
-        for name in ("occupied", "explored"):
-            row, col = world_to_cell(np.array([1.12, -0.87]), map.origin, map.cell)
-            getattr(map, name)[row, col] = True
-    known = interface.observe(fine)["map"]
-    assert interface.observation_space["map"].contains(known)
-    found, wanted = (np.argwhere(image[0]) for image in (known, interface.observe(coarse)["map"]))
-    assert len(found) == len(wanted) == 1 and np.abs(found - wanted).max() <= 1
-    for action in ([-1.0, 0.5], [0.0, 0.0], [0.3, 1.0]):
-        point = interface.to_waypoint(np.array(action), fine)
-        np.testing.assert_allclose(interface.to_action(point, fine), action, atol=1e-6)
-        np.testing.assert_allclose(point, 6 * np.array(action), atol=0.3)  # metres from the robot, 12 m across

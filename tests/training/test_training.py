@@ -18,21 +18,17 @@ from autonerf_lab.data.trajectory import load_trajectory
 from autonerf_lab.envs import ENVS
 from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError, UnknownNameError
-from autonerf_lab.exploration import explore
-from autonerf_lab.geometry import Intrinsics, planar_pose
+from autonerf_lab.geometry import planar_pose
 from autonerf_lab.mapping import empty_map
 from autonerf_lab.policies import load_policy, make_policy
 from autonerf_lab.policies.interfaces import CompactInterface
 from autonerf_lab.policies.networks import RecurrentNetwork
 from autonerf_lab.policies.spec import SPECS, make_interface, make_network
 from autonerf_lab.policies.weights import load_weights, read_meta, save_weights
-from autonerf_lab.scenes import load_scene
-from autonerf_lab.simulator import Simulator
 from autonerf_lab.training import imitation, session, train
 from autonerf_lab.training.augmentation import SymmetryAugmentation
 from autonerf_lab.training.ppo import TimedBuffer
 from autonerf_lab.training.settings import PolicySettings, settings_of
-from autonerf_lab.training.train import train_policy
 from autonerf_lab.training.worker_pool import WorkerPool
 from autonerf_lab.types import Observation
 
@@ -300,20 +296,6 @@ def test_encoding_and_decoding_of_a_waypoint(kind):
     np.testing.assert_allclose(interface.to_waypoint(interface.to_action(again, env.map), env.map), again, atol=1e-5)
     if kind["kind"] == "compact":
         assert interface.to_action(np.array([x + 40.0, y]), env.map) is None
-
-
-def test_the_network_of_the_paper_trains_and_explores_on_maps_of_any_size(tmp_path):
-    network = {"kind": "paper", "window": 48}  # 25 cm: the cells of the training and five cells of a rollout
-    few = {"demonstrations": 0, "environments": 2, "episode": 2, "rollout": 2, "batch": 4, "sensor": 16}
-    settings = settings_of("modular-cov", frames=2 * 2 * 2 * 25, scenes=("train-00",), network=network, **few)
-    weights = train_policy("modular-cov", tmp_path, settings, workers=1, progress=False)
-    assert read_meta(weights)["frames"] == 2 * 2 * 2 * 25
-    sim = Simulator(load_scene("train-00"), Intrinsics.from_fov(32, 32), rgb=False)
-    for size in (640, 500, 333):
-        trajectory = explore(sim, f"{weights}.safetensors", steps=50, progress=False, map_size=size)
-        assert trajectory.meta["explored_m2"][-1] > trajectory.meta["explored_m2"][0]
-        points = np.array(trajectory.meta["waypoints"][25:])
-        assert np.abs(points - trajectory.poses[25, :2, 3]).max() < 12  # metres, the width of the window
 
 
 def test_errors_of_weights(tmp_path):

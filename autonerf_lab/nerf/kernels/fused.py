@@ -237,12 +237,8 @@ def train_rays(
             error.
     """
     tiles, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
-    inputs, hidden, semantic, classes = (
-        enc.shape[1],
-        matrices.density_0.shape[0],
-        matrices.semantic_0.shape[0],
-        matrices.semantic_1.shape[0],
-    )
+    inputs, hidden = enc.shape[1], matrices.density_0.shape[0]
+    semantic, classes = matrices.semantic_0.shape[0], matrices.semantic_1.shape[0]
     per_chunk = (tiles + CHUNKS - 1) // CHUNKS
     front = (surface.log_density - surface.log_free) / surface.sharpness
     for chunk in prange(CHUNKS):
