@@ -120,7 +120,7 @@ class SurfaceSettings(HashSettings):
     depth_weight: float = 2.25
     density_gain: float = 8.0
     samples: int = 12  # in training
-    evaluation_samples: int = 16
+    evaluation_samples: int = 24
     before: float = 0.05  # distance in front of a surface that the samples cover; ``behind`` on the other side
     band: float = 0.06  # voxels of the distance grid closer than this count as near a surface
     voxel: float = 0.03  # side of a voxel of the distance grid

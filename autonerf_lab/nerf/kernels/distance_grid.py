@@ -18,7 +18,7 @@ MAX_STEPS = 512  # of a ray
 NEAR_SHARE = np.float32(0.3)  # near surfaces that a training ray passes, where the field must learn to be empty
 UNKNOWN_SHARE = np.float32(0.05)
 FREE_SHARE = np.float32(0.01)
-MAX_BLIND = np.float32(0.5)  # metres of unknown space behind a surface, after which a ray ends
+MAX_BLIND = np.float32(0.1)  # metres of unknown space behind a surface, after which a ray ends
 
 
 @njit(cache=True, error_model="numpy")
@@ -149,10 +149,14 @@ def _measured_steps(o, d, surface, origin, voxel, grid, near, band, before, behi
 
 @njit(fastmath=True, cache=True, error_model="numpy")
 def _searched_steps(o, d, origin, voxel, grid, near, far, band, behind, ends, share):
-    """Divide a ray into steps until it is behind a surface, and return their number; see :func:`surface_bins`."""
-    t, total, count, last, blind = near, ZERO, 0, CERTAIN, ZERO
+    """Divide a ray into steps until it is behind a surface, and return their number; see :func:`surface_bins`.
+
+    Voxels overestimate the distance to surfaces that rays graze, and thin objects make voxels beside them negative. So
+    a ray searches its surface for some centimetres inside, and continues if it comes out again.
+    """
+    t, total, count, last, blind, inside = near, ZERO, 0, CERTAIN, ZERO, ZERO
     fine = np.float32(0.5) * voxel
-    while t < far and count < MAX_STEPS - 1:
+    while t < far and count < MAX_STEPS:
         x = (o[0] + t * d[0] - origin[0]) / voxel
         y = (o[1] + t * d[1] - origin[1]) / voxel
         z = (o[2] + t * d[2] - origin[2]) / voxel
@@ -168,17 +172,16 @@ def _searched_steps(o, d, origin, voxel, grid, near, far, band, behind, ends, sh
                 break
         else:
             last, blind = distance, ZERO
-            if distance < -behind:
-                break
-            if distance > band:
+            inside = inside + step if distance < ZERO else ZERO
+            if inside > TWO * behind:
+                weight = FREE_SHARE
+            elif distance > band:
                 step, weight = max(distance - band, fine), FREE_SHARE
         t += step
         total += weight * step
         ends[count], share[count] = t, total
         count += 1
-    # Voxels overestimate the distance to surfaces that rays graze, so that the surface may be behind this point.
-    ends[count], share[count] = t + TWO * behind, total + TWO * behind
-    return count + 1
+    return count
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
