@@ -19,6 +19,7 @@ CAMERA_HEIGHT = 0.88  # metres; this and the next three are the paper's agent
 AGENT_RADIUS = 0.18  # metres
 FORWARD_STEP = 0.25  # metres
 TURN_ANGLE = float(np.radians(30))
+OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])  # converts poses between camera axes of OpenGL and OpenCV, both ways
 
 _CHUNK = 1 << 17  # pixels undistorted at a time, which keeps the temporaries small
 _MAX_TANGENT = 1e6  # tangent of the widest angle between a ray and the optical axis

@@ -3,17 +3,15 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
+from autonerf_lab.geometry import OPENCV_AXES
 from autonerf_lab.utils.storage import write_bytes
 
 if TYPE_CHECKING:
     from autonerf_lab.data.dataset import Dataset
-
-_TURN = np.diag([1.0, -1.0, -1.0])  # from the camera axes of OpenGL to those of OpenCV
 
 
 def export_tum(trajectory: "Trajectory | Dataset", path: str | Path) -> Path:
@@ -31,6 +29,7 @@ def export_tum(trajectory: "Trajectory | Dataset", path: str | Path) -> Path:
 
     Example:
         >>> import tempfile
+        >>> import numpy as np
         >>> from autonerf_lab.geometry import Intrinsics, planar_pose
         >>> rgb = np.zeros((1, 4, 4, 3), np.uint8)
         >>> trajectory = Trajectory(planar_pose(1, 2, 0)[None], rgb, None, None, Intrinsics.from_fov(4, 4))
@@ -44,7 +43,7 @@ def export_tum(trajectory: "Trajectory | Dataset", path: str | Path) -> Path:
     times = stamps if isinstance(stamps, list) and len(stamps) == len(trajectory) else range(len(trajectory))
     lines = ["# time x y z qx qy qz qw"]
     for time, pose in zip(times, trajectory.poses, strict=True):
-        quaternion = Rotation.from_matrix(pose[:3, :3] @ _TURN).as_quat(canonical=True)
+        quaternion = Rotation.from_matrix((pose @ OPENCV_AXES)[:3, :3]).as_quat(canonical=True)
         lines.append(f"{float(time):.6f} " + " ".join(f"{value:.9f}" for value in (*pose[:3, 3], *quaternion)))
     write_bytes(path, ("\n".join(lines) + "\n").encode())
     return path

@@ -22,6 +22,7 @@ from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.task import TaskResult
 from autonerf_lab.evaluators.tasks import run_task
+from autonerf_lab.geometry import OPENCV_AXES
 from autonerf_lab.mapping.semantic_map import FAR
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ VIEWS = 500  # maximum number of images, evenly spaced along the trajectory
 TRUNCATION = 4.0  # voxels
 MIN_VIEWS = 3.0  # minimum weight of a voxel on the surface
 _STRIDE = 4  # Open3D selects voxels along every fourth pixel
-_Y_UP_TO_Y_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL camera frame to OpenCV camera frame
 
 
 def fuse(trajectory: Trajectory, voxel: float, min_triangles: int = MIN_TRIANGLES) -> "trimesh.Trimesh":
@@ -77,7 +77,7 @@ def fuse(trajectory: Trajectory, voxel: float, min_triangles: int = MIN_TRIANGLE
             continue  # Open3D fails on an image without surfaces
         found_surface = True
         image = o3d.t.geometry.Image(np.ascontiguousarray(depth, np.float32))
-        w2c = tensor(np.linalg.inv(c2w @ _Y_UP_TO_Y_DOWN))
+        w2c = tensor(np.linalg.inv(c2w @ OPENCV_AXES))
         blocks = volume.compute_unique_block_coordinates(image, camera, w2c, 1.0, FAR, TRUNCATION)
         volume.integrate(blocks, image, camera, w2c, 1.0, FAR, TRUNCATION)
     found = volume.extract_triangle_mesh(MIN_VIEWS) if found_surface else None

@@ -1,7 +1,5 @@
 """Rollout of a policy in a scene, recorded as a trajectory."""
 
-import contextlib
-from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -9,12 +7,13 @@ import numpy as np
 from tqdm import tqdm
 
 from autonerf_lab.data.trajectory import Trajectory
-from autonerf_lab.errors import AutoNerfError, PolicyError, SceneError
+from autonerf_lab.errors import PolicyError, SceneError
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.policies import Policy, make_policy
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action, MapState, read_only
+from autonerf_lab.utils.plugins import named_errors
 
 MAP_SIZE = 640  # cells; 32 m contain an apartment of 15 m for any start pose
 _POLICY_STREAM = 1  # second word of the policy's seed, so that its random numbers differ from those of the start pose
@@ -62,7 +61,7 @@ def explore(
         raise ValueError(f"steps must be at least 1, not {steps}")
     name = policy if isinstance(policy, str) else type(policy).__name__
     chosen = make_policy(policy)
-    with _named(name, "in reset"):
+    with named_errors(f"policy {name!r}", "in reset", PolicyError):
         chosen.reset(np.random.default_rng([seed, _POLICY_STREAM]))
     observation = sim.reset(seed=seed, pose=pose)
     mapper = Mapper(empty_map(observation.pose, map_size), sim.intrinsics)
@@ -87,7 +86,7 @@ def explore(
         true_poses[t] = planar_from_pose(sim.pose)
         explored.append(round(float(np.count_nonzero(map.explored)) * map.cell**2, 4))
         path.append(round(length, 4))
-        with _named(name, f"at step {t}"):
+        with named_errors(f"policy {name!r}", f"at step {t}", PolicyError):
             actions.append(int(Action(chosen.act(map, read_only(observation)))))
             waypoints.append(None if chosen.waypoint is None else [round(float(v), 2) for v in chosen.waypoint])
         collided.append(sim.move(actions[-1]))
@@ -112,23 +111,6 @@ def explore(
     if sim.noise.actuation or sim.noise.odometry:
         meta["true_poses"] = true_poses.tolist()
     return Trajectory(poses, rgb, depth, semantics, sim.intrinsics, meta)
-
-
-@contextlib.contextmanager
-def _named(policy: str, place: str) -> Iterator[None]:
-    """Context manager that names the policy in the errors that it raises, and when Ctrl-C interrupts it.
-
-    Raises:
-        PolicyError: the policy raised.
-    """
-    try:
-        yield
-    except AutoNerfError:
-        raise
-    except KeyboardInterrupt as error:
-        raise KeyboardInterrupt(f"policy {policy!r} was interrupted {place}") from error
-    except Exception as error:
-        raise PolicyError(f"policy {policy!r} failed {place}: {type(error).__name__}: {error}") from error
 
 
 def _check_inside(pose: np.ndarray, map: MapState) -> None:

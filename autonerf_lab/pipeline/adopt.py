@@ -6,7 +6,7 @@ from pathlib import Path
 from autonerf_lab.config import preset
 from autonerf_lab.data.trajectory import load_trajectory
 from autonerf_lab.errors import DataError
-from autonerf_lab.pipeline.context import StageContext, find_scene
+from autonerf_lab.pipeline.context import StageContext, find_scene, scene_source
 from autonerf_lab.pipeline.figures import draw_trajectory
 from autonerf_lab.pipeline.run_folder import RunConfig, locked, open_run
 from autonerf_lab.pipeline.stages import STAGE_FUNCTIONS
@@ -47,9 +47,8 @@ def adopt_trajectory(
             f"{folder} was recorded in another scene ({str(trajectory.meta.get('scene'))[:80]!r}), not {name!r}"
         )
     camera, seed = trajectory.intrinsics, trajectory.meta.get("seed")
-    source = str(Path(name).resolve()) if Path(name).suffix else name
     config = RunConfig(
-        source,
+        scene_source(name),
         loaded.sha256,
         str(trajectory.meta.get("policy") or "unknown"),
         preset(preset_name).name,

@@ -98,6 +98,11 @@ class StageContext:
         return load_nerf(self.run / "nerf", self.options.device)
 
 
+def scene_source(name: str) -> str:
+    """Return the name of a scene, or the absolute path of its file, which does not depend on the working directory."""
+    return str(Path(name).resolve()) if Path(name).suffix else name
+
+
 def find_scene(name: str) -> "Scene":
     """Load a scene of the library by its name, or a specification (JSON), a scan or a Habitat scene by its path.
 

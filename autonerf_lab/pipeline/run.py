@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError, UnknownNameError
-from autonerf_lab.pipeline.context import StageContext, StageOptions, find_scene
+from autonerf_lab.pipeline.context import StageContext, StageOptions, find_scene, scene_source
 from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, load_run, locked, open_run
 from autonerf_lab.pipeline.stages import STAGE_FUNCTIONS
 from autonerf_lab.utils.resources import peak_gb
@@ -112,8 +112,7 @@ def run_pipeline(
     started = time.perf_counter()
     loaded = find_scene(scene)
     loading_seconds = time.perf_counter() - started
-    source = str(Path(scene).resolve()) if Path(scene).suffix else scene  # independent of the working directory
-    config = RunConfig(source, loaded.sha256, policy, chosen, seed, model, **overrides)
+    config = RunConfig(scene_source(scene), loaded.sha256, policy, chosen, seed, model, **overrides)
     with locked(Path(out)):
         run = open_run(out, config, last, overwrite)
         if model is not None and run.config.model is None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from autonerf_lab.errors import RewardError
 from autonerf_lab.types import MapState, Observation, Transition
+from autonerf_lab.utils.plugins import named_errors
 
 
 class Reward(Protocol):
@@ -121,12 +122,8 @@ def reset_reward(reward: Reward, rng: np.random.Generator, name: str) -> None:
     reset = getattr(reward, "reset", None)
     if reset is None:
         return
-    try:
+    with named_errors(f"reward {name!r}", "in reset", RewardError, passed=RewardError):
         reset(rng)
-    except RewardError:
-        raise
-    except Exception as error:
-        raise RewardError(f"reward {name!r} failed in reset: {type(error).__name__}: {error}") from error
 
 
 def evaluate(reward: Reward, transition: Transition, name: str) -> float:
@@ -136,14 +133,8 @@ def evaluate(reward: Reward, transition: Transition, name: str) -> float:
         RewardError: the reward raised or is not a finite number; names the reward, the value and the step.
     """
     step = transition.observation.step
-    try:
+    with named_errors(f"reward {name!r}", f"at step {step}", RewardError, passed=RewardError):
         value = reward(transition)
-    except RewardError:
-        raise
-    except KeyboardInterrupt as error:
-        raise KeyboardInterrupt(f"reward {name!r} was interrupted at step {step}") from error
-    except Exception as error:
-        raise RewardError(f"reward {name!r} failed at step {step}: {type(error).__name__}: {error}") from error
     number = to_float(value)
     if number is None or not math.isfinite(number):
         raise RewardError(f"reward {name!r} returned {reprlib.repr(value)} at step {step}, not a finite number")

@@ -28,6 +28,34 @@ def strict() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def named_errors(
+    name: str, place: str, kind: type[AutoNerfError], passed: type[AutoNerfError] = AutoNerfError
+) -> Iterator[None]:
+    """Context manager that names the plug-in that runs in it, in its errors and when Ctrl-C interrupts it.
+
+    Args:
+        name: the plug-in, such as ``policy 'frontier'``.
+        place: where it runs, such as ``at step 3``.
+        kind: class of the error that replaces others.
+        passed: class of the errors that stay as they are.
+
+    Example:
+        >>> with named_errors("reward 'cov'", "in reset", AutoNerfError):
+        ...     1 / 0
+        Traceback (most recent call last):
+        autonerf_lab.errors.AutoNerfError: reward 'cov' failed in reset: ZeroDivisionError: division by zero
+    """
+    try:
+        yield
+    except passed:
+        raise
+    except KeyboardInterrupt as error:
+        raise KeyboardInterrupt(f"{name} was interrupted {place}") from error
+    except Exception as error:
+        raise kind(f"{name} failed {place}: {type(error).__name__}: {error}") from error
+
+
 def load_plugins(
     group: str, builtin: Mapping[str, T], kind: type[Any], check: Callable[[T], Any] | None = None
 ) -> dict[str, T]:

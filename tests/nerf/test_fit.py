@@ -290,7 +290,7 @@ def test_log_dir_without_tensorboard_names_the_extra(
 
 
 def test_cuda_trains_what_the_cpu_trains(trajectory: Trajectory) -> None:
-    """Where there is a CUDA device, it gives nearly the field of torch on the CPU; elsewhere the refusal names it."""
+    """CUDA trains nearly the same field as torch on the CPU; without CUDA, the error names the device."""
     settings = replace(model_spec("semantic-nerfacto").settings["smoke"], steps=20, rays=256)
     if not torch.cuda.is_available():
         with pytest.raises(DeviceError, match="device 'cuda' is not available"):

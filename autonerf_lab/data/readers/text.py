@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from autonerf_lab.data.transforms import read_pose
 from autonerf_lab.errors import DataError
+from autonerf_lab.geometry import OPENCV_AXES
 from autonerf_lab.utils.storage import read_bytes
 
 MAX_BYTES = 64 << 20
-_TURN = np.diag([1.0, -1.0, -1.0, 1.0])  # between the camera axes of OpenCV and OpenGL
 Y_UP = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # a world with y up -> z up
 
 
@@ -49,7 +49,7 @@ def opencv_pose(matrix: np.ndarray, where: str) -> np.ndarray:
     Raises:
         DataError: the matrix is not a pose, or is mirrored.
     """
-    return read_pose((matrix @ _TURN).tolist(), where)
+    return read_pose((matrix @ OPENCV_AXES).tolist(), where)
 
 
 def quaternion_pose(xyzw: list[float], position: list[float], where: str) -> np.ndarray:

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from autonerf_lab.data.images import data_url
 from autonerf_lab.errors import DataError, MissingPackageError
-from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.geometry import OPENCV_AXES, Intrinsics
 from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.utils.extras import optional
 from autonerf_lab.viz.point_cloud import point_cloud
@@ -43,7 +43,6 @@ MAX_ASPECT = 8.0  # of an image, width to height and height to width
 FOV_RAD = (0.02, 3.0)  # vertical field of view
 MIN_INTERVAL = 1 / 30  # seconds between two images
 _LOOPBACK = "127.0.0.1"
-_GL_TO_CV = np.diag([1.0, -1.0, -1.0])  # viser uses OpenCV axes: z forward, y down
 
 
 @dataclass
@@ -128,7 +127,7 @@ class Viewer:
                 thickness=1.5,
                 thickness_units="screen",
                 color=(213, 94, 0),
-                wxyz=Rotation.from_matrix(pose[:3, :3] @ _GL_TO_CV).as_quat()[[3, 0, 1, 2]],
+                wxyz=Rotation.from_matrix((pose @ OPENCV_AXES)[:3, :3]).as_quat()[[3, 0, 1, 2]],
                 position=pose[:3, 3],
             )
 
@@ -252,7 +251,7 @@ def nerf_viewer(field: "RadianceField", port: int = 0) -> Viewer:
 def _pose(camera: Any) -> np.ndarray:
     """Return the (4, 4) camera-to-world pose of a browser in page coordinates."""
     c2w = np.eye(4)
-    c2w[:3, :3] = Rotation.from_quat(camera.wxyz[[1, 2, 3, 0]]).as_matrix() @ _GL_TO_CV
+    c2w[:3, :3] = Rotation.from_quat(camera.wxyz[[1, 2, 3, 0]]).as_matrix() @ OPENCV_AXES[:3, :3]
     c2w[:3, 3] = camera.position
     return c2w
 
