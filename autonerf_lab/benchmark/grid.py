@@ -14,7 +14,7 @@ from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError
 from autonerf_lab.pipeline.context import SCAN_SUFFIXES
 
 PAPER_POLICIES = (
-    "random", "frontier", "e2e-cov", "e2e-cur", "e2e-nov", "e2e-rec",
+    "random", "frontier-classic", "frontier", "e2e-cov", "e2e-cur", "e2e-nov", "e2e-rec",
     "modular-cov", "modular-sem", "modular-obs", "modular-view",
 )  # fmt: skip
 

@@ -14,7 +14,7 @@ from autonerf_lab.evaluators.metrics import Key, Metric
 
 SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed in the table
 OURS = "modular-obs"  # policy of the paper in experiments that do not compare policies
-REFERENCES = ("frontier", "random")
+REFERENCES = ("frontier-classic", "frontier", "random")
 
 
 def table(name: str, found: ResultsTable) -> Table:

@@ -19,6 +19,7 @@ from autonerf_lab.errors import DataError, UnknownNameError, WrongTypeError
 from autonerf_lab.policies.base import Policy
 from autonerf_lab.policies.conformance import check_members, check_policy
 from autonerf_lab.policies.frontier import Frontier
+from autonerf_lab.policies.frontier_classic import FrontierClassic
 from autonerf_lab.policies.random_policies import RandomActions, RandomWaypoints
 from autonerf_lab.utils.plugins import load_plugins
 
@@ -71,6 +72,7 @@ POLICIES: dict[str, Callable[[], Policy]] = {
     "random": RandomActions,
     "random-waypoints": RandomWaypoints,
     "frontier": Frontier,
+    "frontier-classic": FrontierClassic,
     **{path.stem: partial(load_policy, path) for path in sorted(WEIGHTS.glob("*.safetensors"))},
 }
 
@@ -149,6 +151,7 @@ __all__ = [
     "POLICIES",
     "WEIGHTS",
     "Frontier",
+    "FrontierClassic",
     "Policy",
     "RandomActions",
     "RandomWaypoints",

@@ -154,13 +154,9 @@ class Frontier:
     def _best_frontier(self, map: MapState, distance: np.ndarray) -> Target | None:
         """Return the frontier contour of highest utility."""
         assert self._given_up is not None
-        reachable = np.isfinite(distance)
-        frontier = _border(map.explored) & ~map.occupied & ~self._given_up
-        # Dilated obstacles may separate a frontier from the reachable ground, by at most this margin.
-        frontier &= dilate(_border(reachable), AGENT_RADIUS / map.cell + 2) | reachable
-        labels, _ = ndimage.label(frontier, np.ones((3, 3)))
+        labels, _ = ndimage.label(reachable_frontier(map, distance) & ~self._given_up, np.ones((3, 3)))
         best: Target | None = None
-        standing = np.argwhere(reachable)
+        standing = np.argwhere(np.isfinite(distance))
         for number, box in enumerate(ndimage.find_objects(labels), start=1):
             cells = np.argwhere(labels[box] == number) + np.array([box[0].start, box[1].start])
             if len(cells) * map.cell < _MIN_CONTOUR:
@@ -241,6 +237,31 @@ def path_lengths_from_robot(map: MapState) -> np.ndarray:
     window = slice(top, bottom), slice(left, right)
     distance[window] = travel_distance(free[window], goal[window], map.cell)
     return distance
+
+
+def reachable_frontier(map: MapState, distance: np.ndarray) -> np.ndarray:
+    """Return the (M, M) bool mask of free cells with an unexplored 4-neighbour, at or beside reachable ground.
+
+    Args:
+        map: current map.
+        distance: of :func:`path_lengths_from_robot`.
+
+    Example:
+        >>> from dataclasses import replace
+        >>> from autonerf_lab.geometry import planar_pose
+        >>> from autonerf_lab.mapping import empty_map
+        >>> map = empty_map(planar_pose(0, 0, 0), 30)
+        >>> explored = np.zeros_like(map.explored)
+        >>> explored[14:17, 13:17] = True  # 3 x 4 cells around the robot: all but two have an unexplored neighbour
+        >>> map = replace(map, explored=explored)
+        >>> int(reachable_frontier(map, path_lengths_from_robot(map)).sum())
+        10
+    """
+    reachable = np.isfinite(distance)
+    # Dilated obstacles may separate a frontier from the reachable ground, by at most this margin.
+    near = dilate(_border(reachable), AGENT_RADIUS / map.cell + 2) | reachable
+    frontier: np.ndarray = _border(map.explored) & ~map.occupied & near
+    return frontier
 
 
 def _border(mask: np.ndarray) -> np.ndarray:

@@ -87,7 +87,7 @@ def test_built_in_names_are_not_replaced(site: Site) -> None:
 
 def test_unknown_names_list_plugins(site: Site) -> None:
     install(site, "good-policy", "good", POLICY.format("0"))
-    with pytest.raises(UnknownNameError, match=r"unknown policy 'best'; valid names: .*frontier, good, "):
+    with pytest.raises(UnknownNameError, match=r"unknown policy 'best'; valid names: .*frontier-classic, good, "):
         make_policy("best")
 
 
