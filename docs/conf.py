@@ -17,6 +17,7 @@ from pathlib import Path
 
 from docutils import nodes
 from latex2mathml.converter import convert
+from sphinx.addnodes import toctree
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
@@ -154,9 +155,20 @@ def block_math(translator: HTML5Translator, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+def leave_modules_out(app: Sphinx, doctree: nodes.document) -> None:
+    """Remove the modules of the reference from the navigation; the tables of the packages link them.
+
+    The side bar of every page would list them all, which also takes most of the time of a build.
+    """
+    if app.env.docname.startswith("api/"):
+        for node in [*doctree.findall(toctree)]:
+            node.parent.remove(node)
+
+
 def setup(app: Sphinx) -> None:
     """Prepare the source folder, and register what is above."""
     shutil.rmtree(ROOT / "docs/api/generated", ignore_errors=True)  # no pages of modules that no longer exist
     copy_notebooks()
     app.connect("source-read", read_page)
+    app.connect("doctree-read", leave_modules_out, priority=100)  # before Sphinx collects the navigation
     app.add_html_math_renderer("mathml", inline_renderers=(inline_math, None), block_renderers=(block_math, None))

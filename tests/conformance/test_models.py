@@ -61,7 +61,13 @@ def trajectory() -> Trajectory:
 
 @pytest.fixture(scope="module")
 def fields(trajectory: Trajectory) -> dict[str, NeRF]:
-    return {name: fit(trajectory, name, preset="smoke", progress=False) for name in (*MODELS, EXAMPLE)}
+
+    class Fields(dict[str, NeRF]):
+        def __missing__(self, name: str) -> NeRF:  # only those that the tests of this process need
+            self[name] = fit(trajectory, name, preset="smoke", progress=False)
+            return self[name]
+
+    return Fields()
 
 
 def train(trajectory: Trajectory, name: str, steps: int, **options: object) -> NeRF:

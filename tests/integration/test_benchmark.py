@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from made_once import made_once
 
 from autonerf_lab.benchmark import load_results
 from autonerf_lab.pipeline.run_folder import STAGES
@@ -26,11 +27,13 @@ def command(out: Path) -> list[str]:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Path:
     """Results of an uninterrupted run (read-only)."""
-    out = tmp_path_factory.mktemp("bench") / "out"
-    result = subprocess.run(command(out), capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.splitlines()[1].split() == ["1/1", CELL, "ok"]
-    return out
+
+    def bench(folder: Path) -> None:
+        result = subprocess.run(command(folder / "out"), capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stderr
+        assert result.stdout.splitlines()[1].split() == ["1/1", CELL, "ok"]
+
+    return made_once(tmp_path_factory, "bench", bench) / "out"
 
 
 def test_cell_has_every_score_and_few_files(finished):

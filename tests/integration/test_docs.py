@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from made_once import made_once
 
 import autonerf_lab as lab
 
@@ -14,11 +15,13 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", out]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    return out
+
+    def build(out: Path) -> None:
+        command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", out]
+        result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stderr
+
+    return made_once(tmp_path_factory, "site", build)
 
 
 def test_the_site_is_complete(site: Path) -> None:

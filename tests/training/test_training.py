@@ -128,8 +128,7 @@ def weights_of(path):
     ("name", "settings", "last"),
     [
         ("modular-cov", replace(TINY, demonstrations=1), "score"),
-        ("e2e-cur", RECURRENT, "actor"),
-        ("e2e-rec+0.1*nov", RECURRENT, "actor"),
+        ("e2e-rec+0.1*nov+0.1*cur", RECURRENT, "actor"),
         ("pointgoal", GOALS, "actor"),
     ],
 )
