@@ -93,7 +93,9 @@ def test_every_imported_name_exists(code: str) -> None:
 
 
 def test_ten_lines_run(tmp_path: Path) -> None:
-    code = smaller(code_of("README.md"), **{"steps=1500": "steps=120", 'preset="fast"': 'preset="smoke"'})
+    camera = "Simulator(scene, lab.Intrinsics.from_fov(48, 48))"
+    changes = {"steps=1500": "steps=120", 'preset="fast"': 'preset="smoke"', "Simulator(scene)": camera}
+    code = smaller(code_of("README.md"), **changes)
     assert len(code.strip().splitlines()) <= 12
     assert "paper best" in run(code, tmp_path)
     assert (tmp_path / "apartment.glb").stat().st_size > 1000
