@@ -24,13 +24,13 @@ PSNR, SSIM, LPIPS, PER_CLASS, MIOU, _ = RENDERING
 MAPS, PLANNING = metrics_of("maps"), metrics_of("planning")
 FREE, SEMANTIC, OBJECTGOAL = MAPS[:3], MAPS[5:8], PLANNING[2:]
 POSE = _metrics("pose_refinement", "convergence_rate", "rotation_error_deg", "translation_error_m")
-MESH = _metrics("mesh", "accuracy_m", "completion_m", "completion_ratio", "normal_consistency")
+MESH = _metrics("mesh", "completion_ratio_all", "accuracy_m", "completion_m", "completion_ratio", "normal_consistency")
 EXPLORATION = (
     *(metric for metric in metrics_of("exploration") if metric.name.endswith("_auc")),
     *_metrics("exploration", "explored_area_m2", "collisions", "path_length_m"),
 )
 NAVIGATION, FINETUNING = metrics_of("navigation"), metrics_of("finetuning")
-HEADLINES = (PSNR, MIOU, MAPS[2], MAPS[8], PLANNING[0], PLANNING[2], POSE[0], MESH[2])
+HEADLINES = (PSNR, MIOU, MAPS[2], MAPS[8], PLANNING[0], PLANNING[2], POSE[0], MESH[0])
 
 
 def _table(metrics: tuple[Metric, ...], rows: str, names: tuple[str, ...]) -> dict[str, dict[Key, float]]:

@@ -1,19 +1,24 @@
 """Tables of the paper for a grid: means with 95 % confidence intervals, beside the values of the paper."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import nan
 from statistics import median
+
+import numpy as np
 
 from autonerf_lab.benchmark import paper
 from autonerf_lab.benchmark.correlations import correlations
 from autonerf_lab.benchmark.results_table import ResultsTable, Row
-from autonerf_lab.benchmark.statistics import Interval
+from autonerf_lab.benchmark.statistics import Interval, holm
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.evaluators.metrics import Key, Metric
 
+SIGNIFICANT = 0.05  # p-value
 SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed in the table
 OURS = "modular-obs"  # policy of the paper in experiments that do not compare policies
+_CORRECTED = "bold: p < 5 % after Holm's correction over the differences of the table"
 REFERENCES = ("frontier-classic", "frontier", "random")
 
 
@@ -61,6 +66,8 @@ def _means(
     paper_values: Callable[[Row], dict[Key, float]],
     hint: str = "",
 ) -> Table:
+    absent = {metric: status for metric in metrics if (status := _status_everywhere(found, metric)) is not None}
+    metrics = [metric for metric in metrics if metric not in absent]
     published = {metric for metric in metrics if any(metric.key in paper_values(row) for row, _ in rows)}
     header = [""]
     for metric in metrics:
@@ -76,7 +83,15 @@ def _means(
                 line.append(Entry(NO_VALUE if value is None else metric.format(value)))
         lines.append(tuple(line))
     measured = any(found.runs(row, metric.key) for row, _ in rows for metric in metrics)
-    return Table(name, title, tuple(header), tuple(lines), "" if measured else f"Not measured yet. {hint}".strip())
+    notes = [f"{metric.label} is left out: null in all cells ({status})." for metric, status in absent.items()]
+    note = " ".join(notes) if measured or notes else f"Not measured yet. {hint}".strip()
+    return Table(name, title, tuple(header), tuple(lines), note)
+
+
+def _status_everywhere(found: ResultsTable, metric: Metric) -> str | None:
+    """Return the first status of a score that is null in all cells that have it; None for any other score."""
+    rows = [row for o in found.outcomes for row in o.scores if (row.task, row.metric) == metric.key]
+    return rows[0].status if rows and all(row.value is None for row in rows) else None
 
 
 def spread(found: Interval, metric: Metric) -> str:
@@ -103,16 +118,17 @@ def _variants(found: ResultsTable) -> Table:
     policy = OURS if OURS in policies else policies[0]
     first, *others = (row for row in found.rows if row[0] == policy)
     rows = [(row, f"{row[1]}, {policy}") for row in (first, *others)]
-    title = "NeRF models on the same trajectories; differences are paired by scene and start, bold if significant"
+    title = f"NeRF models on the same trajectories; differences are paired by scene and start, {_CORRECTED}"
     made = _means(found, "variants", title, paper.RENDERING, rows, lambda row: paper.BY_MODEL.get(row[1], {}))
     if not others:
         return made if made.note else made.noted("One model only; add others with --models.")
+    shown = [metric for metric in paper.RENDERING if metric.heading in made.header]
+    pairs = [(row, first, f"{row[1]} − {first[1]}, {policy}") for row in others]
     lines = []
-    for row in others:
-        differences = (difference_entry(found.difference(row, first, c.key), c) for c in paper.RENDERING)
+    for text, *differences in _difference_lines(found, pairs, shown):
         # the column "paper" has no values here: the paper has no paired differences
-        entries = (Entry(NO_VALUE) if title == "paper" else next(differences) for title in made.header[1:])
-        lines.append((Entry(f"{row[1]} − {first[1]}, {policy}"), *entries))
+        entries = iter(differences)
+        lines.append((text, *(Entry(NO_VALUE) if title == "paper" else next(entries) for title in made.header[1:])))
     return replace(made, rows=(*made.rows, *lines))
 
 
@@ -125,17 +141,16 @@ def _differences(found: ResultsTable) -> Table:
         if row[0] not in ("random", reference) and (reference in REFERENCES or row[0].startswith("modular-"))
     ]
     pairs = [(row, other) for row, other in pairs if other in found.episodes]
-    lines = [
-        difference_line(found, row, other, f"{row[0]} − {other[0]}" + several * f", {row[1]}") for row, other in pairs
-    ]
+    texts = [(row, other, f"{row[0]} − {other[0]}" + several * f", {row[1]}") for row, other in pairs]
+    lines = _difference_lines(found, texts, paper.HEADLINES)
     note = power(found, pairs) if lines else "No frontier, random or end-to-end policy to compare with."
     header = ("", *(metric.heading for metric in paper.HEADLINES))
-    title = "Differences paired by scene and start; bold if the interval excludes zero"
+    title = f"Differences paired by scene and start; d: effect size; {_CORRECTED}"
     return Table("differences", title, header, tuple(lines), note)
 
 
 def power(found: ResultsTable, pairs: Sequence[tuple[Row, Row]]) -> str:
-    """Describe the statistical power: the median half width of the intervals of some differences, by metric.
+    """Describe the statistical power: the difference that a test finds with a probability of 80 %, median by metric.
 
     Args:
         found: results of a grid.
@@ -150,14 +165,25 @@ def power(found: ResultsTable, pairs: Sequence[tuple[Row, Row]]) -> str:
         sure = [d for d in made if d is not None and d.scenes > 1]
         if sure:
             scenes = max(scenes, *(d.scenes for d in sure))
-            parts.append(f"{metric.heading} {metric.format(median(d.half_width for d in sure))}")
-    return f"Smallest detectable difference with {scenes} scenes (median): {', '.join(parts)}." if parts else ""
+            parts.append(f"{metric.heading} {metric.format(median(d.detectable for d in sure))}")
+    what = f"Smallest difference that {scenes} scenes show with a probability of 80 % (median, without correction)"
+    return f"{what}: {', '.join(parts)}." if parts else ""
 
 
-def difference_line(found: ResultsTable, row: Row, other: Row, text: str) -> tuple[Entry, ...]:
-    """Return a line of differences, ``row`` minus ``other``, for the headline metrics."""
-    made = [found.difference(row, other, metric.key) for metric in paper.HEADLINES]
-    return (Entry(text), *(difference_entry(d, c) for d, c in zip(made, paper.HEADLINES, strict=True)))
+def _difference_lines(
+    found: ResultsTable, pairs: Iterable[tuple[Row, Row, str]], metrics: Sequence[Metric]
+) -> list[tuple[Entry, ...]]:
+    """Return one line per pair, first minus second row, with effect sizes; all differences are one family for Holm."""
+    made = [(text, [found.difference(row, other, metric.key) for metric in metrics]) for row, other, text in pairs]
+    adjusted = iter(holm([nan if d is None else d.p_value for _, line in made for d in line]))
+    lines = []
+    for text, line in made:
+        entries = [Entry(text)]
+        for d, metric, p in zip(line, metrics, adjusted, strict=False):
+            effect = f", d {d.effect_size:.1f}" if d is not None and np.isfinite(d.effect_size) else ""
+            entries.append(Entry(difference_entry(d, metric).text + effect, bold=p < SIGNIFICANT))
+        lines.append(tuple(entries))
+    return lines
 
 
 def difference_entry(found: Interval | None, metric: Metric) -> Entry:
@@ -214,7 +240,7 @@ TABLES: dict[str, Callable[[ResultsTable], Table]] = {
     "maps": _Policies("maps", "Maps: free space, obstacles, object classes", paper.MAPS),
     "planning": _Policies("planning", "Planning on the maps of the field", paper.PLANNING),
     "pose_refinement": _Policies("pose_refinement", "Pose refinement", paper.POSE),
-    "mesh": _Policies("mesh", "Mesh, compared with the seen parts of the scene", paper.MESH),
+    "mesh": _Policies("mesh", "Mesh, compared with the whole scene and with its seen parts", paper.MESH),
     "exploration": _Policies("exploration", "Exploration: mean coverage over the steps", paper.EXPLORATION),
     "differences": _differences,
     "variants": _variants,

@@ -6,20 +6,52 @@ nominal 95 % interval then contains the true mean in little more than half of al
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
+LEVEL = 0.95  # of the intervals
+POWER = 0.8  # probability with which the smallest detectable difference is found
 Runs = Mapping[str, Sequence[float]]  # scene -> one value per start
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Mean over scenes with its confidence interval."""
+    """Mean over scenes with its 95 % confidence interval.
+
+    Example:
+        >>> found = interval({"a": [1.0], "b": [2.0], "c": [3.0]})
+        >>> round(found.p_value, 3), found.effect_size, round(found.detectable, 2)
+        (0.074, 2.0, 3.1)
+    """
 
     mean: float
     half_width: float  # of the interval; nan for a single scene
     scenes: int  # number of scenes
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean; nan for a single scene."""
+        return self.half_width / float(_t(self).ppf((1 + LEVEL) / 2))
+
+    @property
+    def p_value(self) -> float:
+        """Two-sided p-value of Student's t test that the mean is zero; nan for a single scene."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(2 * _t(self).sf(np.abs(np.divide(self.mean, self.standard_error))))
+
+    @property
+    def effect_size(self) -> float:
+        """Mean in standard deviations of the scene means (Cohen's d of paired samples); nan for a single scene."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(np.divide(self.mean, self.standard_error * np.sqrt(self.scenes)))
+
+    @property
+    def detectable(self) -> float:
+        """Smallest true mean that a test at the 5 % level finds with a probability of 80 %; nan for a single scene."""
+        t = _t(self)
+        return float(t.ppf((1 + LEVEL) / 2) + t.ppf(POWER)) * self.standard_error
 
     @property
     def excludes_zero(self) -> bool:
@@ -30,12 +62,34 @@ class Interval:
         return f"{self.mean:.1f} ± {self.half_width:.1f}"
 
 
-def interval(runs: Runs, level: float = 0.95) -> Interval:
+def _t(found: Interval) -> Any:
+    """Return Student's t distribution of an interval."""
+    return stats.t(found.scenes - 1 if found.scenes > 1 else np.nan)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Adjust p-values for the number of comparisons (Holm 1979), so that one false finding is as rare as with one.
+
+    Args:
+        p_values: of all comparisons of the family; nan stays nan and does not count.
+
+    Example:
+        >>> holm([0.01, 0.04, float("nan"), 0.02])
+        [0.03, 0.04, nan, 0.04]
+    """
+    adjusted, largest = [float("nan")] * len(p_values), 0.0
+    known = sorted((p, k) for k, p in enumerate(p_values) if not np.isnan(p))
+    for rank, (p, k) in enumerate(known):
+        largest = max(largest, min(1.0, (len(known) - rank) * p))
+        adjusted[k] = largest
+    return adjusted
+
+
+def interval(runs: Runs) -> Interval:
     """Return the mean of the scene means and its Student's t interval.
 
     Args:
         runs: Values of all runs by scene.
-        level: Confidence level.
 
     Raises:
         ValueError: A scene has no run, or there is no scene.
@@ -50,11 +104,11 @@ def interval(runs: Runs, level: float = 0.95) -> Interval:
     count = len(means)
     if count == 1:
         return Interval(float(means[0]), float("nan"), 1)
-    half = stats.t.ppf((1 + level) / 2, count - 1) * means.std(ddof=1) / np.sqrt(count)
+    half = stats.t.ppf((1 + LEVEL) / 2, count - 1) * means.std(ddof=1) / np.sqrt(count)
     return Interval(float(means.mean()), float(half), count)
 
 
-def difference(runs: Runs, others: Runs, level: float = 0.95) -> Interval:
+def difference(runs: Runs, others: Runs) -> Interval:
     """Return the interval of the differences ``runs - others``, paired by scene and start.
 
     Raises:
@@ -67,4 +121,4 @@ def difference(runs: Runs, others: Runs, level: float = 0.95) -> Interval:
     counts = [{scene: len(values) for scene, values in part.items()} for part in (runs, others)]
     if counts[0] != counts[1]:
         raise ValueError(f"pairs need the same scenes and starts, not {counts[0]} and {counts[1]}")
-    return interval({scene: np.subtract(values, others[scene]).tolist() for scene, values in runs.items()}, level)
+    return interval({scene: np.subtract(values, others[scene]).tolist() for scene, values in runs.items()})

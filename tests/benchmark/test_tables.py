@@ -110,7 +110,7 @@ def test_variants_are_compared_with_each_other_only_and_paired(tmp_path):
     made = table("variants", load_results_table(results))
     assert [row[1].bold for row in made.rows] == [True, False, True], "walks that are not in the table do not count"
     # differences -1, -1, -1.1: their standard deviation is 0.1 / sqrt(3), that of their mean 1 / 30
-    assert made.rows[2][1].text == f"-1.03 ± {4.302653 / 30:.2f}"
+    assert made.rows[2][1].text == f"-1.03 ± {4.302653 / 30:.2f}, d {-1.0333 / (0.1 / math.sqrt(3)):.1f}"
 
 
 def test_modular_policies_stand_against_end_to_end_ones_and_the_power_is_said(tmp_path):
@@ -118,12 +118,32 @@ def test_modular_policies_stand_against_end_to_end_ones_and_the_power_is_said(tm
     values = {"modular-cov": [3.0, 5.0, 4.0], "modular-obs": [4.0, 6.0, 5.2], "e2e-nov": [1.0, 2.0, 3.0]}
     made = table("differences", load_results_table(folder(tmp_path, values, grid)))
     assert [row[0].text for row in made.rows] == ["modular-cov − e2e-nov", "modular-obs − e2e-nov"]
-    assert entries(made, 0)["PSNR [dB]"].text == f"+2.00 ± {4.302653 / math.sqrt(3):.2f}"  # 2, 3, 1
-    halves = [4.302653 * np.std(d, ddof=1) / math.sqrt(3) for d in ([2, 3, 1], [3, 4, 2.2])]
-    assert made.note == f"Smallest detectable difference with 3 scenes (median): PSNR [dB] {np.mean(halves):.2f}."
+    assert entries(made, 0)["PSNR [dB]"].text == f"+2.00 ± {4.302653 / math.sqrt(3):.2f}, d 2.0"  # 2, 3, 1
+    found = [(4.302653 + 1.060660) * np.std(d, ddof=1) / math.sqrt(3) for d in ([2, 3, 1], [3, 4, 2.2])]
+    assert made.note.endswith(f"a probability of 80 % (median, without correction): PSNR [dB] {np.mean(found):.2f}.")
     one = Grid(grid.policies, ("val-0",), 1, preset="smoke")
     alone = table("differences", load_results_table(folder(tmp_path / "one", values, one)))
     assert alone.rows and not alone.note, "a single scene has no interval"
+
+
+def test_differences_are_corrected_for_their_number(tmp_path):
+    """Differences 1, 1.3 and 1.9: p is 3.4 %, and 6.8 % as the smaller one of two."""
+    values = {"frontier": [20.0, 20.0, 20.0], "modular-obs": [21.0, 21.3, 21.9], "modular-cov": [20.0, 20.1, 19.9]}
+    for policies, bold in ((("frontier", "modular-obs"), True), (("frontier", "modular-obs", "modular-cov"), False)):
+        grid = Grid(policies, GRID.scenes, 1, preset="smoke")
+        results = folder(tmp_path / f"{len(policies)}", values, grid)
+        made = entries(table("differences", load_results_table(results)), 0)["PSNR [dB]"]
+        assert made == Entry("+1.40 ± 1.14, d 3.1", bold)
+
+
+def test_a_score_that_is_null_in_all_cells_has_no_column(tmp_path):
+    results = Results(tmp_path, GRID)
+    for cell in GRID.cells():
+        scores = Score("rendering", "psnr", 20.0), Score("rendering", "lpips", None, "", "weights_missing")
+        results.write(Outcome(cell, "ok", scores, {}))
+    made = table("rendering", load_results_table(results))
+    assert "LPIPS" not in made.header and "SSIM" in made.header
+    assert made.note == "LPIPS is left out: null in all cells (weights_missing)."
 
 
 def test_rows_of_two_folders_in_one_table(tmp_path):
