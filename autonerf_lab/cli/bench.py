@@ -156,6 +156,26 @@ class BenchReportCommand:
 
 
 @dataclass(frozen=True)
+class BenchLpipsCommand:
+    """Add LPIPS to the finished cells of a results folder, from the fields that --save-runs saved."""
+
+    folder: Annotated[Positional[Path], option(help="Results folder.")]
+    lpips: LpipsOptions = NO_LPIPS
+
+    def run(self) -> None:
+        """Compute LPIPS and write the tables again."""
+        from autonerf_lab.benchmark import load_results
+        from autonerf_lab.benchmark.add_lpips import add_lpips
+        from autonerf_lab.benchmark.export import export_results
+
+        network = self.lpips.load()
+        if network is None:
+            raise DataError("no weights: give --lpips-weights; `autonerf-lab lpips-weights FILE` writes them")
+        for path in export_results(add_lpips(load_results(self.folder, to_run=True), network)):
+            print(path)
+
+
+@dataclass(frozen=True)
 class BenchCommand:
     """Benchmarks: run grids and make the tables of the paper."""
 
@@ -163,6 +183,7 @@ class BenchCommand:
         Annotated[BenchRunCommand, subcommand("run")]
         | Annotated[BenchCompareCommand, subcommand("compare")]
         | Annotated[BenchReportCommand, subcommand("report")]
+        | Annotated[BenchLpipsCommand, subcommand("lpips")]
     )
 
     def run(self) -> None:

@@ -22,6 +22,7 @@ from autonerf_lab.cli.evaluate import EvaluateCommand
 from autonerf_lab.cli.explore import ExploreCommand
 from autonerf_lab.cli.export import AdoptCommand, ExportCommand
 from autonerf_lab.cli.fit import FitCommand
+from autonerf_lab.cli.lpips_weights import LpipsWeightsCommand
 from autonerf_lab.cli.mesh import MeshCommand
 from autonerf_lab.cli.options import option
 from autonerf_lab.cli.play import PlayCommand
@@ -59,6 +60,7 @@ class CommandLine:
         | Annotated[TrainPolicyCommand, subcommand("train-policy")]
         | Annotated[BenchCommand, subcommand("bench")]
         | Annotated[RewardsCommand, subcommand("rewards")]
+        | Annotated[LpipsWeightsCommand, subcommand("lpips-weights")]
     )
     debug: Annotated[bool, option(help="Show the traceback of an error.")] = False
     strict_plugins: Annotated[bool, option(help="Treat broken plug-ins as errors.")] = False

@@ -6,18 +6,9 @@ summed over the stages:
 
     d(x, y) = sum_l mean_hw sum_c w_lc (x_lhwc - y_lhwc)**2
 
-**The weights** are neither part of the package nor downloaded. They are read from one safetensors file with the names
-of torchvision (``features.0.weight`` ...) and of the package lpips (``lin0.model.1.weight`` ...). This code writes the
-file where both packages are installed::
-
-    import lpips, torchvision
-    from safetensors.torch import save_file
-
-    vgg = torchvision.models.vgg16(weights="IMAGENET1K_V1").state_dict()
-    heads = lpips.LPIPS(net="vgg").state_dict()
-    weights = {name: value for name, value in vgg.items() if name.startswith("features.")}
-    weights |= {f"lin{k}.model.1.weight": heads[f"lin{k}.model.1.weight"] for k in range(5)}
-    save_file(weights, "lpips-vgg16.safetensors")
+**The weights** are neither part of the package nor downloaded by it. They are read from one safetensors file with the
+names of torchvision (``features.0.weight`` ...) and of the package lpips (``lin0.model.1.weight`` ...), which
+:func:`write_weights` makes where both packages are installed.
 
 The SHA-256 of the file is saved with the scores, and those of the tensors of the backbone and of the heads, which do
 not depend on the format of the file.
@@ -33,6 +24,7 @@ from torch import nn
 
 from autonerf_lab.errors import DataError
 from autonerf_lab.utils import storage
+from autonerf_lab.utils.extras import optional
 
 MIN_SIDE = 16  # pixels: four stages halve the image
 STAGES = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))  # channels of the convolutions
@@ -41,6 +33,7 @@ _SHIFT = torch.tensor([-0.030, -0.088, -0.188])[:, None, None]
 _SCALE = torch.tensor([0.458, 0.448, 0.450])[:, None, None]
 _EPS = 1e-10
 _HEAD = "lin{}.model.1.weight"
+HEADS_SHA256 = "09016f6c713efecd87823d0ac57b392f1c5c47de4e54122e04c71f80cc4650a3"  # of version 0.1, ``Lpips.parts``
 
 
 class Lpips:
@@ -95,6 +88,33 @@ class Lpips:
         return distance
 
 
+def write_weights(path: str | Path) -> "Lpips":
+    """Write the file of the weights from those of torchvision and of the package lpips (extra ``lpips``).
+
+    torchvision downloads VGG16 (528 MB) and checks its digest. The heads are part of the package lpips; their digest is
+    checked here.
+
+    Args:
+        path: ``.safetensors`` file.
+
+    Returns:
+        The network of the file.
+
+    Raises:
+        MissingPackageError: one of the two packages is not installed.
+        DataError: the file cannot be written, or the heads are not those of version 0.1.
+    """
+    torchvision, package = optional("torchvision", "lpips"), optional("lpips", "lpips")
+    backbone = torchvision.models.vgg16(weights="IMAGENET1K_V1").state_dict()
+    heads = package.LPIPS(net="vgg", version="0.1", pnet_rand=True, verbose=False).state_dict()
+    tensors = {name: value for name, value in backbone.items() if name.startswith("features.")}
+    tensors |= {_HEAD.format(k): heads[_HEAD.format(k)] for k in range(len(STAGES))}
+    if _digest(tensors, "lin") != HEADS_SHA256:
+        raise DataError("the heads of the installed package lpips are not those of version 0.1; install lpips 0.1.4")
+    storage.write_arrays(path, {name: value.numpy() for name, value in tensors.items()})
+    return Lpips(path)
+
+
 def _digest(tensors: dict[str, torch.Tensor], start: str) -> str:
     """Compute the SHA-256 over names and values (float32, little-endian) of the tensors with a prefix, by name."""
     digest = hashlib.sha256()
@@ -106,10 +126,7 @@ def _digest(tensors: dict[str, torch.Tensor], start: str) -> str:
 def _checked(path: str | Path, name: str, array: np.ndarray | None, shape: tuple[int, ...]) -> torch.Tensor:
     if array is None or array.shape != shape or not np.issubdtype(array.dtype, np.floating):
         found = "missing" if array is None else f"{array.dtype} of {array.shape}"
-        raise DataError(
-            f"{path}: {name} is {found}, not floats of {shape}; the documentation of {__name__} explains how to make "
-            "the file"
-        )
+        raise DataError(f"{path}: {name} is {found}, not floats of {shape}; write it with `autonerf-lab lpips-weights`")
     if not np.isfinite(array).all():
         raise DataError(f"{path}: {name} holds a value that is not finite")
     return torch.from_numpy(array.astype(np.float32))

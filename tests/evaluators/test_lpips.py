@@ -2,42 +2,30 @@
 
 import hashlib
 import json
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 import toy_photos
 import toy_scene
+from toy_lpips import CONVOLUTIONS, random_weights
 
 from autonerf_lab.cli import main
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import NearestView, Scores, TrueField, evaluate, oracle_scores
+from autonerf_lab.evaluators import lpips as lpips_module
 from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.rendering import evaluate_rendering, simulated_views
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.utils import storage
 
-# (number in torchvision's list, channels in, channels out) of the convolutions, by stage
-CONVOLUTIONS = (
-    ((0, 3, 64), (2, 64, 64)),
-    ((5, 64, 128), (7, 128, 128)),
-    ((10, 128, 256), (12, 256, 256), (14, 256, 256)),
-    ((17, 256, 512), (19, 512, 512), (21, 512, 512)),
-    ((24, 512, 512), (26, 512, 512), (28, 512, 512)),
-)
-
 
 @pytest.fixture(scope="module")
 def weights():
-    rng = np.random.default_rng(0)
-    arrays = {}
-    for stage, layers in enumerate(CONVOLUTIONS):
-        for k, before, after in layers:
-            spread = np.sqrt(2 / (9 * before))
-            arrays[f"features.{k}.weight"] = spread * rng.standard_normal((after, before, 3, 3), np.float32)
-            arrays[f"features.{k}.bias"] = 0.1 * rng.standard_normal(after, np.float32)
-        arrays[f"lin{stage}.model.1.weight"] = rng.random((1, after, 1, 1), np.float32)
-    return arrays
+    return random_weights()
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +71,40 @@ def naive(image, target, weights):
         total += (((a - b) ** 2) @ weights[f"lin{stage}.model.1.weight"].ravel()).mean()
         features = [largest_of_four(x) for x in features]
     return total
+
+
+class Installed:
+    """Stands in for torchvision and for the package lpips: a network with given weights."""
+
+    __version__ = "0.1"
+
+    def __init__(self, weights):
+        self.weights = {name: torch.from_numpy(value) for name, value in weights.items()}
+        self.models = SimpleNamespace(vgg16=lambda weights: self)
+        self.LPIPS = lambda **options: self
+
+    def state_dict(self):
+        return {**self.weights, "classifier.0.bias": torch.zeros(3)}
+
+
+def test_the_command_writes_the_weights_of_installed_packages(weights, tmp_path, monkeypatch, capsys):
+    for name in ("torchvision", "lpips"):
+        monkeypatch.setitem(sys.modules, name, Installed(weights))
+    file = tmp_path / "vgg.safetensors"
+    assert main(["lpips-weights", str(file)]) == 1
+    assert "the heads of the installed package lpips are not those of version 0.1" in capsys.readouterr().err
+    assert not file.exists()
+    monkeypatch.setattr(lpips_module, "HEADS_SHA256", Lpips(written(weights, tmp_path / "a")).parts["heads"])
+    assert main(["lpips-weights", str(file)]) == 0
+    assert capsys.readouterr().out == f"{file}: SHA-256 {Lpips(file).sha256}\n"
+    monkeypatch.setitem(sys.modules, "lpips", None)
+    assert main(["lpips-weights", str(file)]) == 1
+    assert 'lpips is not installed: pip install "autonerf-lab[lpips]"' in capsys.readouterr().err
+
+
+def written(weights, path):
+    storage.write_arrays(path, weights)
+    return path
 
 
 def test_lpips_agrees_with_the_naive_implementation(lpips, images, weights):

@@ -10,8 +10,16 @@ from pathlib import Path
 import pytest
 from made_once import made_once
 from PIL import Image
+from toy_lpips import random_weights
 
+from autonerf_lab.benchmark import Grid, Outcome, load_results
+from autonerf_lab.benchmark.add_lpips import add_lpips
+from autonerf_lab.benchmark.results import open_results
+from autonerf_lab.errors import RunFolderError
+from autonerf_lab.evaluators import Scores
+from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.pipeline.run_folder import STAGES
+from autonerf_lab.utils import storage
 
 ROOT = Path(__file__).parents[2]
 
@@ -95,6 +103,26 @@ def test_optional_tasks_and_upstream_scores(run):
     assert not [row for row in rows if row["status"].startswith("failed")]
     assert command("report", run).returncode == 0
     assert 'id="navigation"' in (run / "report.html").read_text()
+
+
+def test_lpips_is_added_to_finished_cells(run, tmp_path):
+    out, grid = tmp_path / "out", Grid(("frontier",), ("val-0",), 1, preset="smoke")
+    (cell,) = grid.cells()
+    open_results(out, grid).write(Outcome(cell, "ok", tuple(Scores.load(run / "scores.json")), {}))
+    storage.write_arrays(tmp_path / "vgg", random_weights())
+    storage.write_arrays(tmp_path / "other", {k: -v for k, v in random_weights().items()})
+    add = ("bench", "lpips", out, "--lpips-weights", tmp_path / "vgg")
+    assert "run the grid with --save-runs" in command(*add).stderr
+    shutil.move(run, out / "runs" / cell.name)
+    assert command(*add).returncode == 0
+    results = load_results(out)
+    (after,), before = results.outcomes(), Scores.load(out / "runs" / cell.name / "scores.json")
+    changed = [(old.metric, new) for old, new in zip(before, after.scores, strict=True) if old != new]
+    ((metric, new),) = changed
+    assert metric == "lpips" and new.value > 0 and new.status == "ok" and "LPIPS" in (out / "tables.md").read_text()
+    assert add_lpips(results, Lpips(tmp_path / "vgg")).lpips == results.lpips
+    with pytest.raises(RunFolderError, match="give the same file"):
+        add_lpips(results, Lpips(tmp_path / "other"))
 
 
 def test_mesh_format_and_voxel_size(run):
