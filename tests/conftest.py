@@ -17,7 +17,14 @@ os.environ["MPLBACKEND"] = "Agg"
 # Tests that train, render for long, open a browser or run a notebook; `make test-fast` leaves them out.
 SLOW = (
     *("benchmark", "browser", "cli", "conformance/test_models.py", "course", "integration", "nerf/test_fit.py"),
-    *("nerf/test_photographs.py", "pipeline", "training", "viz", "evaluators/test_finetuning.py"),
+    *(
+        "nerf/test_photographs.py",
+        "nerf/test_thread_counts.py",
+        "pipeline",
+        "training",
+        "viz",
+        "evaluators/test_finetuning.py",
+    ),
     *("evaluators/test_navigation.py", "evaluators/test_upstream.py", "evaluators/test_walls.py"),
 )
 

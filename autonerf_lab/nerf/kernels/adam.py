@@ -6,6 +6,7 @@ from numba import njit, prange
 from autonerf_lab.nerf.kernels.tiling import ONE, ZERO
 
 MAX_GRADIENT = np.float32(1e15)  # its square is far from the end of float32
+BLOCK = 1 << 13  # values per unit of parallel work
 SERIAL_SIZE = 1 << 16  # values; up to this size one thread is faster than waking the others
 
 
@@ -22,8 +23,13 @@ def _update(i, p, g, m, v, rate, beta1, beta2, eps, correct1, correct2):
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def _adam_large(p, g, m, v, rate, beta1, beta2, eps, correct1, correct2):
-    for i in prange(p.shape[0]):
-        _update(i, p, g, m, v, rate, beta1, beta2, eps, correct1, correct2)
+    # Blocks of one size: with a range per thread, the values at its end, which do not fill a vector, are rounded in
+    # another way, and the parameters depend on the number of threads.
+    for block in prange((p.shape[0] + BLOCK - 1) // BLOCK):
+        part = slice(block * BLOCK, (block + 1) * BLOCK)
+        p_part, g_part, m_part, v_part = p[part], g[part], m[part], v[part]  # indices from 0 vectorise
+        for i in range(p_part.shape[0]):
+            _update(i, p_part, g_part, m_part, v_part, rate, beta1, beta2, eps, correct1, correct2)
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")

@@ -2,8 +2,7 @@
 
 Rays come in whole tiles: their number is a multiple of :data:`TILE_RAYS`, and the fields and samplers that call the
 kernels pad. The activations of a tile fit the cache. Tiles are dealt to a fixed number of chunks, each with its own
-gradient buffer, so that no sum depends on which thread is faster. Results are equal bit for bit with the same number of
-threads. With another number the last bits of gradients may differ, and thus the trained parameters.
+gradient buffer, so that no sum depends on the number of threads or on which one is faster: results have the same bits.
 """
 
 import numpy as np
