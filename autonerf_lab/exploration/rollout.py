@@ -8,7 +8,6 @@ from tqdm import tqdm
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import PolicyError, SceneError
-from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.policies import Policy, make_policy
 from autonerf_lab.simulator import Simulator
@@ -40,9 +39,9 @@ def explore(
         map_size: size of the robot's map, cells of 5 cm a side; the map is centred on the start.
 
     Returns:
-        The trajectory, with poses by odometry. ``meta`` contains ``actions`` and their ``collided`` flags, and for each
-        frame ``explored_m2``, ``path_m`` (distance travelled) and ``waypoints`` (x, y or None); with noise also
-        ``true_poses``, (T, 3) x, y, heading.
+        The trajectory, with poses by odometry; with noise, it has the true poses too. ``meta`` contains ``actions`` and
+        their ``collided`` flags, and for each frame ``explored_m2``, ``path_m`` (distance travelled) and ``waypoints``
+        (x, y or None).
 
     Raises:
         UnknownNameError: unknown policy.
@@ -66,7 +65,7 @@ def explore(
     observation = sim.reset(seed=seed, pose=pose)
     mapper = Mapper(empty_map(observation.pose, map_size), sim.intrinsics)
     shape = (steps, *observation.depth.shape)
-    poses, true_poses = np.empty((steps, 4, 4)), np.empty((steps, 3))
+    poses, true_poses = np.empty((steps, 4, 4)), np.empty((steps, 4, 4))
     rgb, depth, semantics = np.empty((*shape, 3), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
     actions: list[int] = []
     collided: list[bool] = []
@@ -83,14 +82,14 @@ def explore(
             observation.depth,
             observation.semantics,
         )
-        true_poses[t] = planar_from_pose(sim.pose)
+        true_poses[t] = sim.pose
         explored.append(round(float(np.count_nonzero(map.explored)) * map.cell**2, 4))
         path.append(round(length, 4))
         with named_errors(f"policy {name!r}", f"at step {t}", PolicyError):
             actions.append(int(Action(chosen.act(map, read_only(observation)))))
             waypoints.append(None if chosen.waypoint is None else [round(float(v), 2) for v in chosen.waypoint])
         collided.append(sim.move(actions[-1]))
-        length += float(np.linalg.norm(sim.pose[:2, 3] - true_poses[t, :2]))
+        length += float(np.linalg.norm(sim.pose[:2, 3] - true_poses[t, :2, 3]))
         if t + 1 < steps:
             observation = sim.observe()
     meta: dict[str, Any] = {
@@ -108,9 +107,9 @@ def explore(
         "path_m": path,
         "waypoints": waypoints,
     }
-    if sim.noise.actuation or sim.noise.odometry:
-        meta["true_poses"] = true_poses.tolist()
-    return Trajectory(poses, rgb, depth, semantics, sim.intrinsics, meta)
+    noisy = sim.noise.actuation or sim.noise.odometry
+    source, others = ("odometry", {"true": true_poses}) if noisy else ("true", {})
+    return Trajectory(poses, rgb, depth, semantics, sim.intrinsics, meta, source, others)
 
 
 def _check_inside(pose: np.ndarray, map: MapState) -> None:
