@@ -85,6 +85,10 @@ class ExplorationOptions:
     depth_noise: Annotated[
         str | None, option(metavar="NAME", help="Noise of depth images: redwood.", default="none")
     ] = None
+    poses: Annotated[
+        str | None,
+        option(metavar="NAME", help="Poses that the policy sees: odometry, estimated or true.", default="odometry"),
+    ] = None
 
     def overrides(self) -> dict[str, Any]:
         """Return the arguments for :func:`autonerf_lab.pipeline.run_pipeline`."""
@@ -97,6 +101,7 @@ class ExplorationOptions:
             "noise": self.noise,
             "noise_scale": self.noise_scale,
             "depth_noise": self.depth_noise,
+            "poses": self.poses,
         }
 
 
