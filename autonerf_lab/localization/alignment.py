@@ -82,8 +82,8 @@ def trajectory_errors(estimated: np.ndarray, true: np.ndarray) -> TrajectoryErro
     Example:
         >>> true = np.stack([np.arange(5) / 2, np.zeros(5), np.zeros(5)], axis=1)
         >>> errors = trajectory_errors(true * [1.02, 1, 1], true)
-        >>> round(errors.error_per_metre, 6), round(errors.ate_unaligned_m, 4), np.isnan(errors.error_per_degree)
-        (0.02, 0.0245, True)
+        >>> round(errors.error_per_metre, 6), round(errors.ate_unaligned_m, 4), errors.error_per_degree
+        (0.02, 0.0245, nan)
     """
     aligned = compose(align(estimated, true), estimated)
     distances = np.linalg.norm(aligned[:, :2] - true[:, :2], axis=1)

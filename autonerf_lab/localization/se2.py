@@ -54,7 +54,7 @@ def moved_covariance(pose: np.ndarray, covariance: np.ndarray, motion: np.ndarra
 
     Example:
         >>> after = moved_covariance(np.zeros(3), np.diag([0, 0, 0.01]), np.array([2.0, 0, 0]), np.zeros((3, 3)))
-        >>> round(after[1, 1], 6)  # (2 m * 0.1 rad) ** 2
+        >>> round(float(after[1, 1]), 6)  # (2 m * 0.1 rad) ** 2
         0.04
     """
     turn = np.eye(3)
