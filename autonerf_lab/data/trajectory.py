@@ -47,7 +47,7 @@ class Trajectory:
     intrinsics: Intrinsics
     meta: dict[str, Any] = field(default_factory=dict)  # JSON: scene, policy, seed, actions, coverage curves, ...
     pose_source: str = "true"  # one of :data:`autonerf_lab.data.pose_sources.POSE_SOURCES`
-    other_poses: dict[str, np.ndarray] = field(default_factory=dict)  # source -> (T, 4, 4), all but ``poses``
+    other_poses: dict[str, np.ndarray] = field(default_factory=dict)  # source -> (T, 4, 4), without ``poses``
 
     def __len__(self) -> int:
         """Return the number of frames."""

@@ -7,12 +7,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from autonerf_lab.localization.se2 import between, to_planar
-from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE
+from autonerf_lab.viz.figures.style import BLUE, SOURCE_COLORS
 
 if TYPE_CHECKING:
     from autonerf_lab.data.trajectory import Trajectory
-
-SOURCE_COLORS = {"true": "black", "odometry": ORANGE, "estimated": BLUE, "refined": GREEN}
 
 
 def pose_drift(trajectory: "Trajectory") -> Figure:
