@@ -235,7 +235,7 @@ def _semantics(found: ResultsTable) -> Table:
 def _noise(found: ResultsTable) -> Table:
     noisy = [row for row in found.rows if row in found.noisy]
     noisy = [row for row in noisy if row[0] == OURS] or noisy
-    note = "With noise: not measured; add cells with --noise ans --depth-noise redwood --poses estimated."
+    note = "With noise: not measured; cells run without noise."
     other = next((row for source in ("refined", "estimated", "") for row in noisy if row[1].endswith(source)), None)
     metrics = paper.NOISE_METRICS
     if other is not None:
