@@ -67,7 +67,7 @@ class PoseEstimator:
     @property
     def standard_deviations(self) -> list[float]:
         """Standard deviations of x, y (metres) and heading (radians)."""
-        return [round(float(value), 6) for value in np.sqrt(np.diag(self.covariance))]
+        return [round(float(value), 6) for value in np.sqrt(np.diag(self.covariance).clip(0))]
 
     @property
     def trajectory(self) -> np.ndarray:
@@ -112,11 +112,11 @@ class PoseEstimator:
         if scan.count < _POINTS:
             return True
         recent, older = self._references(scan, node)
-        if not self._track(scan, node, [(self._frames[k], self._scans[k]) for k in recent]):
-            if self._last is None or self._last.count < _POINTS:
-                return True
-            if not self._track(scan, node, [(node - 1, self._last)]):
-                return False
+        fits = self._track(scan, node, [(self._frames[k], self._scans[k]) for k in recent])
+        if not fits and self._last is not None and self._last.count >= _POINTS:
+            fits = self._track(scan, node, [(node - 1, self._last)])
+        if fits is False:
+            return False
         self._graph.poses[node] = self.pose
         if self.loops:
             for k in older:
@@ -128,13 +128,17 @@ class PoseEstimator:
             self._scans.append(scan)
         return True
 
-    def _track(self, scan: Scan, node: int, references: list[tuple[int, Scan]]) -> bool:
-        """Match a scan with recent scans, given with their nodes, and move the pose; return True if it fits."""
+    def _track(self, scan: Scan, node: int, references: list[tuple[int, Scan]]) -> bool | None:
+        """Match a scan with recent scans, given with their nodes, and move the pose if it fits.
+
+        Returns:
+            True if it fits, False if it contradicts them, None if they see too little of it to say.
+        """
         prior = self._local + _LEAST
         found = match(scan, self.pose, prior, [(self._graph.poses[i], other) for i, other in references])
         fitting = [(i, f) for (i, _), f in zip(references, found.factors, strict=True) if _fits(f, scan)]
         if not fitting or not _plausible(found.pose, self.pose, prior):
-            return False
+            return False if any(f.overlap > _OVERLAP * scan.count for f in found.factors) else None
         for i, factor in fitting:
             self._graph.add_edge(i, node, factor.motion, factor.information, factor.gradient)
         self.pose = found.pose
