@@ -26,6 +26,7 @@ from .evaluators.episodes import sample_episodes as sample_episodes
 from .evaluators.ros_map import export_ros_map as export_ros_map
 from .exploration import explore as explore
 from .geometry import Intrinsics as Intrinsics
+from .localization import estimate_poses as estimate_poses
 from .nerf import NeRF as NeRF
 from .nerf import fit as fit
 from .nerf import load_nerf as load_nerf

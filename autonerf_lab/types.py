@@ -26,7 +26,7 @@ class Observation:
     rgb: np.ndarray  # (H, W, 3) uint8
     depth: np.ndarray  # (H, W) float32, metres along the optical axis, 0 = none
     semantics: np.ndarray  # (H, W) uint8, class index
-    pose: np.ndarray  # (4, 4) float64, camera-to-world by odometry
+    pose: np.ndarray  # (4, 4) float64, camera-to-world by odometry; for a policy, of the pose source it acts on
     collided: bool = False  # an obstacle stopped or deflected the last action
     step: int = 0  # actions taken since the start of the episode
 

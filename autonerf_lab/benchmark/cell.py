@@ -82,8 +82,9 @@ def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str 
         figures = None if save_run else [figure for _, figure in FIGURES.values()]
         options = pipeline.StageOptions(weights, device, baselines=False, optional_tasks=cell.optional, figures=figures)
         pipeline.run_pipeline(
-            folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate", options=options
-        )
+            folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate", options=options,
+            **cell.conditions,
+        )  # fmt: skip
     run = load_run(folder)
     started = time.perf_counter()
     exploration = folder / "exploration.json"

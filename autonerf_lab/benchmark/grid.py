@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError, WrongTypeError
@@ -17,6 +18,9 @@ PAPER_POLICIES = (
     "random", "frontier-classic", "frontier", "e2e-cov", "e2e-cur", "e2e-nov", "e2e-rec",
     "modular-cov", "modular-sem", "modular-obs", "modular-view",
 )  # fmt: skip
+
+
+CONDITIONS = ("noise", "noise_scale", "depth_noise", "poses")  # of the exploration
 
 
 @dataclass(frozen=True)
@@ -29,9 +33,35 @@ class Cell:
     model: str
     preset: str
     optional: tuple[str, ...] = ()  # optional tasks
+    noise: str | None = None  # model of the noise of motion and odometry
+    noise_scale: float | None = None  # factor of this noise
+    depth_noise: str | None = None  # model of the noise of depth images
+    poses: str | None = None  # pose source; None: odometry
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "optional", tuple(self.optional))  # a list if read from JSON
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        """Noise and pose source that are set, by name."""
+        values = {key: getattr(self, key) for key in CONDITIONS}
+        return {key: value for key, value in values.items() if value is not None}
+
+    @property
+    def condition(self) -> str:
+        """Noise and pose source as printed in tables; empty without noise.
+
+        Example:
+            >>> Cell("random", "val-0", 0, "instant-ngp", "fast", noise="ans", depth_noise="redwood",
+            ...      poses="estimated").condition
+            'noise ans, depth noise redwood, poses estimated'
+        """
+        return ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in self.conditions.items())
+
+    @property
+    def variant(self) -> str:
+        """Model, with noise and pose source if they are set: what tells rows of one policy apart."""
+        return f"{self.model}, {self.condition}" if self.condition else self.model
 
     @property
     def name(self) -> str:
@@ -43,7 +73,9 @@ class Cell:
             >>> Cell("my_package.policies:Spiral", "val-0", 2, "instant-ngp", "fast").name
             'val-0_my_package.policies-Spiral_2_instant-ngp'
         """
-        parts = (label(self.scene), label(self.policy), str(self.start), self.model)
+        parts = [label(self.scene), label(self.policy), str(self.start), self.model]
+        if self.condition:
+            parts.append("-".join(str(value) for value in self.conditions.values()))
         return "_".join(re.sub(r"[^\w.+-]", "-", part) for part in parts)
 
 
@@ -65,11 +97,15 @@ class Grid:
     models: tuple[str, ...] = ("semantic-nerfacto",)
     preset: str = "fast"
     optional: tuple[str, ...] = ()  # optional tasks: navigation (minutes per cell), finetuning (hours per cell)
+    noise: str | None = None  # model of the noise of motion and odometry; None: exact
+    noise_scale: float | None = None  # factor of this noise
+    depth_noise: str | None = None  # model of the noise of depth images; None: exact
+    poses: str | None = None  # pose source of policy and field: odometry, estimated or true; None: odometry
 
     def cells(self) -> list[Cell]:
         """Return all cells, scene by scene."""
         return [
-            Cell(policy, scene, start, model, self.preset, self.optional)
+            Cell(policy, scene, start, model, self.preset, self.optional, **{k: getattr(self, k) for k in CONDITIONS})
             for scene, policy, start, model in product(self.scenes, self.policies, range(self.starts), self.models)
         ]
 
@@ -85,6 +121,7 @@ class Grid:
         self._check_types()
         from autonerf_lab.evaluators.tasks import optional_tasks
         from autonerf_lab.nerf.models import available
+        from autonerf_lab.pipeline.run import check_arguments
         from autonerf_lab.policies import POLICIES, make_policy
         from autonerf_lab.policies import available as available_policies
         from autonerf_lab.scenes import scene_names
@@ -111,6 +148,7 @@ class Grid:
         for task in self.optional:
             if task not in optional_tasks():
                 raise UnknownNameError("optional task", task, optional_tasks())
+        check_arguments(**{key: getattr(self, key) for key in CONDITIONS})
         if "finetuning" in self.optional:
             _check_finetuning()
         if self.starts < 1:

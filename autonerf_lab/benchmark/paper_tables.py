@@ -13,7 +13,7 @@ from autonerf_lab.benchmark.results_table import ResultsTable, Row
 from autonerf_lab.benchmark.statistics import Interval, holm
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.errors import UnknownNameError
-from autonerf_lab.evaluators.metrics import Key, Metric
+from autonerf_lab.evaluators.metrics import Key, Metric, metrics_of
 
 SIGNIFICANT = 0.05  # p-value
 SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed in the table
@@ -116,7 +116,8 @@ def _text(found: ResultsTable, row: Row, metric: Metric) -> str:
 def _variants(found: ResultsTable) -> Table:
     policies = [policy for policy, _ in found.rows]
     policy = OURS if OURS in policies else policies[0]
-    first, *others = (row for row in found.rows if row[0] == policy)
+    same = [row for row in found.rows if row[0] == policy]
+    first, *others = [row for row in same if row not in found.noisy] or same[:1]
     rows = [(row, f"{row[1]}, {policy}") for row in (first, *others)]
     title = f"NeRF models on the same trajectories; differences are paired by scene and start, {_CORRECTED}"
     made = _means(found, "variants", title, paper.RENDERING, rows, lambda row: paper.BY_MODEL.get(row[1], {}))
@@ -202,22 +203,25 @@ def _conditions(
     changed: dict[Key, float],
     conditions: tuple[str, str],
     note: str,
+    other: Row | None = None,
 ) -> Table:
-    """Return a table with one row per metric, and two conditions side by side."""
-    row = next((row for row in found.rows if row[0] == OURS), found.rows[0])
+    """Return a table with one row per metric, and two conditions side by side; ``other``: row of the second."""
+    plain_rows = [row for row in found.rows if row not in found.noisy]
+    row = next((row for row in plain_rows if row[0] == OURS), next(iter(plain_rows), None))
     lines = []
     for metric in metrics:
         plain = paper.BY_POLICY[OURS].get(metric.key)
         lines.append(
             (
                 Entry(f"{metric.task.replace('_', ' ')}: {metric.heading}"),
-                Entry(_text(found, row, metric)),
+                Entry(NO_VALUE if row is None else _text(found, row, metric)),
                 Entry(NO_VALUE if plain is None else metric.format(plain)),
-                Entry(NO_VALUE),
-                Entry(metric.format(changed[metric.key])),
+                Entry(NO_VALUE if other is None else _text(found, other, metric)),
+                Entry(metric.format(changed[metric.key]) if metric.key in changed else NO_VALUE),
             )
         )
-    header = (row[0], conditions[0], "paper", conditions[1], "paper")
+    shown = row or other
+    header = (shown[0] if shown else OURS, conditions[0], "paper", conditions[1], "paper")
     return Table(name, title, header, tuple(lines), note)
 
 
@@ -229,10 +233,16 @@ def _semantics(found: ResultsTable) -> Table:
 
 
 def _noise(found: ResultsTable) -> Table:
+    noisy = [row for row in found.rows if row in found.noisy]
+    noisy = [row for row in noisy if row[0] == OURS] or noisy
     note = "With noise: not measured; cells run without noise."
-    return _conditions(
-        found, "noise", "Sensor and actuation noise", paper.NOISE_METRICS, paper.NOISE, ("without", "with"), note
-    )
+    other = next((row for source in ("refined", "estimated", "") for row in noisy if row[1].endswith(source)), None)
+    metrics = paper.NOISE_METRICS
+    if other is not None:
+        note = f"With noise: {other[0]}, {other[1]}. Fields are aligned with the scene before they are scored."
+        metrics = (*metrics, *metrics_of("trajectory"))
+    conditions = ("without", "with")
+    return _conditions(found, "noise", "Sensor and actuation noise", metrics, paper.NOISE, conditions, note, other)
 
 
 TABLES: dict[str, Callable[[ResultsTable], Table]] = {

@@ -6,14 +6,14 @@ from dataclasses import asdict, dataclass, fields
 import pandas as pd
 
 from autonerf_lab.benchmark.fingerprint import find_conflict
-from autonerf_lab.benchmark.grid import label
+from autonerf_lab.benchmark.grid import CONDITIONS, label
 from autonerf_lab.benchmark.results import Outcome, Results
 from autonerf_lab.benchmark.statistics import Interval, Runs, difference, interval
 from autonerf_lab.errors import RunFolderError
 from autonerf_lab.evaluators.metrics import Key, Metric
 from autonerf_lab.types import Score
 
-Row = tuple[str, str]  # policy, model
+Row = tuple[str, str]  # policy; model, with noise and pose source if they are set
 Episode = tuple[str, int]  # scene, start
 
 
@@ -26,6 +26,7 @@ class ResultsTable:
     outcomes: list[Outcome]  # of all cells that were run
     cell_count: int  # of the grids
     preset: str = ""  # name of the preset
+    noisy: frozenset[Row] = frozenset()  # rows with noise of motion or depth
 
     @property
     def rows(self) -> list[Row]:
@@ -108,15 +109,18 @@ def load_results_table(*folders: Results) -> ResultsTable:
     episodes: dict[Row, list[Episode]] = {}
     values: dict[Row, dict[Episode, dict[Key, float | None]]] = {}
     outcomes: list[Outcome] = []
+    noisy: set[Row] = set()
     for results in folders:
         before = {(row, episode) for row in episodes for episode in episodes[row]}
         for cell in results.grid.cells():
-            row, episode = (label(cell.policy), cell.model), (label(cell.scene), cell.start)
+            row, episode = (label(cell.policy), cell.variant), (label(cell.scene), cell.start)
             if (row, episode) in before:
                 raise RunFolderError(
                     f"{results.path} and another folder both hold {cell.name}; compare the folders with `autonerf-lab "
                     "bench compare`"
                 )
+            if cell.noise or cell.depth_noise:
+                noisy.add(row)
             episodes.setdefault(row, []).append(episode)
             values.setdefault(row, {})
         for outcome in results.outcomes():
@@ -125,14 +129,22 @@ def load_results_table(*folders: Results) -> ResultsTable:
                 scores = {(score.task, score.metric): score.value for score in outcome.scores}
                 values[_row(outcome)][label(outcome.cell.scene), outcome.cell.start] = scores
     cell_count = sum(len(results.grid.cells()) for results in folders)
-    return ResultsTable(episodes, values, outcomes, cell_count, next(iter(presets), ""))
+    return ResultsTable(episodes, values, outcomes, cell_count, next(iter(presets), ""), frozenset(noisy))
 
 
 def scores_frame(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-    """Return one row per score in grid order, with the fields of :class:`~autonerf_lab.types.Score` as columns."""
-    rows = [asdict(score) for outcome in outcomes for score in outcome.scores]
-    return pd.DataFrame(rows, columns=[field.name for field in fields(Score)])
+    """Return one row per score in grid order, with the fields of :class:`~autonerf_lab.types.Score` as columns.
+
+    Results with noise or another pose source have columns for them, too.
+    """
+    found = [key for key in CONDITIONS if any(key in outcome.cell.conditions for outcome in outcomes)]
+    rows = [
+        asdict(score) | {key: outcome.cell.conditions.get(key) for key in found}
+        for outcome in outcomes
+        for score in outcome.scores
+    ]
+    return pd.DataFrame(rows, columns=[*(field.name for field in fields(Score)), *found])
 
 
 def _row(outcome: Outcome) -> Row:
-    return label(outcome.cell.policy), outcome.cell.model
+    return label(outcome.cell.policy), outcome.cell.variant

@@ -6,7 +6,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, subcommand
 
-from autonerf_lab.cli.options import NO_LPIPS, Device, LpipsOptions, OptionalTasks, PresetName, option, split_names
+from autonerf_lab.cli.options import (
+    NO_LPIPS,
+    DepthNoiseName,
+    Device,
+    LpipsOptions,
+    NoiseName,
+    NoiseScale,
+    OptionalTasks,
+    PosesName,
+    PresetName,
+    option,
+    split_names,
+)
 from autonerf_lab.errors import DataError
 
 if TYPE_CHECKING:
@@ -46,6 +58,10 @@ class BenchRunCommand:
         ),
     ] = None
     optional: OptionalTasks = None
+    noise: NoiseName = None
+    noise_scale: NoiseScale = None
+    depth_noise: DepthNoiseName = None
+    poses: PosesName = None
     workers: Annotated[int, option(help="Number of worker processes; 0: run in this process.")] = 1
     scheduler: Annotated[
         str | None, option(metavar="ADDRESS", help="Address of a dask.distributed scheduler that runs the cells.")
@@ -95,7 +111,7 @@ class BenchRunCommand:
             print(path)
 
     def _grid(self) -> "Grid":
-        from autonerf_lab.benchmark.grid import Grid, load_grid
+        from autonerf_lab.benchmark.grid import CONDITIONS, Grid, load_grid
         from autonerf_lab.config import preset
 
         chosen: dict[str, Any] = {
@@ -105,17 +121,20 @@ class BenchRunCommand:
             "models": split_names(self.models),
         }
         chosen = {key: value for key, value in chosen.items() if value is not None}
+        noise = {key: getattr(self, key) for key in CONDITIONS if getattr(self, key) is not None}
         if self.grid is not None:
             if chosen:
                 raise DataError(f"--grid {self.grid} defines the whole grid: remove --{next(iter(chosen))}")
             grid = load_grid(self.grid)
             return replace(
-                grid, preset=self.preset or grid.preset, optional=split_names(self.optional) or grid.optional
+                grid, preset=self.preset or grid.preset, optional=split_names(self.optional) or grid.optional, **noise
             )
         if "policies" not in chosen:
             raise DataError("no policies: give --policies, such as random,frontier, or --grid, such as paper")
         return Grid(
-            **{"scenes": ("val",), **chosen}, preset=preset(self.preset).name, optional=split_names(self.optional) or ()
+            **{"scenes": ("val",), **chosen, **noise},
+            preset=preset(self.preset).name,
+            optional=split_names(self.optional) or (),
         )
 
 

@@ -29,8 +29,13 @@ class FitCommand:
     ] = None
     seed: Annotated[int | None, option(metavar="INT", help="Random seed, for photographs only.", default="0")] = None
     poses: Annotated[
-        Literal["colmap"] | None,
-        option(metavar="colmap", help="Estimate the poses of photographs with COLMAP.", default="those in the folder"),
+        Literal["true", "odometry", "estimated", "refined", "colmap"] | None,
+        option(
+            metavar="NAME",
+            help="Pose source. For a run: true, odometry, estimated or refined, if its trajectory has them. For "
+            "photographs: colmap, which estimates the poses with COLMAP.",
+            default="those of the exploration, or in the folder",
+        ),
     ] = None
     overwrite: Overwrite = False
     device: Device = None
@@ -42,19 +47,21 @@ class FitCommand:
         from autonerf_lab.pipeline import photographs
 
         if self.out is None:
-            if self.preset is not None or self.seed is not None or self.poses is not None:
+            if self.preset is not None or self.seed is not None or self.poses == "colmap":
                 raise DataError(
-                    f"{self.folder}: a run has its own preset, seed and poses; --preset, --seed and --poses need "
-                    "photographs and --out"
+                    f"{self.folder}: a run has its own preset, seed and poses; --preset, --seed and --poses colmap "
+                    "need photographs and --out"
                 )
             if photographs.is_photograph_folder(self.folder):
                 raise DataError(f"{self.folder} holds photographs, not a run: give the output folder with --out")
             if self.lpips != NO_LPIPS:
                 raise DataError(f"{self.folder} is a run: give --lpips-weights to `autonerf-lab evaluate`")
             options = pipeline.StageOptions(device=self.device)
-            pipeline.run_stage(self.folder, "fit", self.model, self.overwrite, options)
+            pipeline.run_stage(self.folder, "fit", self.model, self.overwrite, options, self.poses)
             print(f"field: {self.folder / 'nerf'}")
             return
+        if self.poses not in (None, "colmap"):
+            raise DataError(f"{self.folder}: photographs have no {self.poses} poses; --poses {self.poses} needs a run")
         scores = photographs.fit_photographs(
             self.folder, self.out, self.model, self.preset, self.seed or 0,
             overwrite=self.overwrite, lpips=self.lpips.load(), poses=self.poses, device=self.device,

@@ -56,6 +56,15 @@ OptionalTasks = Annotated[
     str | None,
     option(metavar="A,B", help="Optional tasks: navigation (minutes per run), finetuning (hours per run)."),
 ]
+NoiseName = Annotated[
+    str | None, option(metavar="NAME", help="Noise of motion and odometry: ans, locobot, and others.", default="none")
+]
+NoiseScale = Annotated[float | None, option(metavar="X", help="Factor of this noise.", default="1")]
+DepthNoiseName = Annotated[str | None, option(metavar="NAME", help="Noise of depth images: redwood.", default="none")]
+PosesName = Annotated[
+    str | None,
+    option(metavar="NAME", help="Poses that the policy sees: odometry, estimated or true.", default="odometry"),
+]
 
 
 @dataclass(frozen=True)
@@ -77,14 +86,10 @@ class ExplorationOptions:
         option(metavar="DEGREES", help="Horizontal field of view of the camera.", default="from the preset"),
     ] = None
 
-    noise: Annotated[
-        str | None,
-        option(metavar="NAME", help="Noise of motion and odometry: ans, locobot, and others.", default="none"),
-    ] = None
-    noise_scale: Annotated[float | None, option(metavar="X", help="Factor of this noise.", default="1")] = None
-    depth_noise: Annotated[
-        str | None, option(metavar="NAME", help="Noise of depth images: redwood.", default="none")
-    ] = None
+    noise: NoiseName = None
+    noise_scale: NoiseScale = None
+    depth_noise: DepthNoiseName = None
+    poses: PosesName = None
 
     def overrides(self) -> dict[str, Any]:
         """Return the arguments for :func:`autonerf_lab.pipeline.run_pipeline`."""
@@ -97,6 +102,7 @@ class ExplorationOptions:
             "noise": self.noise,
             "noise_scale": self.noise_scale,
             "depth_noise": self.depth_noise,
+            "poses": self.poses,
         }
 
 

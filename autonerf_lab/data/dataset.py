@@ -42,6 +42,8 @@ class Dataset:
     meta: dict[str, Any]  # JSON: the file's other keys
     metric: bool  # True for trajectories: metres, indoors. False for photographs: unknown scale and background
     masks: list[np.ndarray] | None = None  # T arrays (H_t, W_t) bool, True: the pixel is used; None: all are
+    pose_source: str = "true"  # of ``poses``, see :class:`~autonerf_lab.data.trajectory.Trajectory`
+    true_poses: np.ndarray | None = None  # (T, 4, 4), if they are known and ``poses`` are others
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -63,6 +65,8 @@ class Dataset:
             [f"frame {t}" for t in range(len(trajectory))],
             trajectory.meta,
             True,
+            pose_source=trajectory.pose_source,
+            true_poses=trajectory.other_poses.get("true"),
         )
 
     def check(self) -> None:
@@ -137,6 +141,7 @@ class Dataset:
             depths=self.depths and [self.depths[t] for t in frames],
             masks=self.masks and [self.masks[t] for t in frames],
             names=[self.names[t] for t in frames],
+            true_poses=None if self.true_poses is None else self.true_poses[frames],
         )
 
 
@@ -182,4 +187,6 @@ or the path of its JSON file
         frames.meta,
         frames.metric,
         layers.get("masks"),
+        frames.pose_source,
+        frames.true_poses,
     )

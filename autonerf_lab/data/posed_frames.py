@@ -34,6 +34,8 @@ class PosedFrames:
     masks: list[Path | None] | None = None
     rotated: list[bool] | None = None  # EXIF must rotate the image
     lenses: list[Fisheye | None] | None = None
+    pose_source: str = "true"
+    true_poses: np.ndarray | None = None  # (T, 4, 4), if they are known and ``poses`` are others
 
 
 def read_images(

@@ -7,7 +7,7 @@ the key ``autonerf_lab``. ``transforms.json`` is written last: a folder without 
 
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 
 from autonerf_lab.data.images import check_png, parallel, read_classes, read_depth, read_rgb
+from autonerf_lab.data.pose_sources import POSE_SOURCES, check_source, read_sources, sources_to_json
 from autonerf_lab.data.transforms import FORMAT_VERSION, announced_size, read_camera, read_transforms
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
@@ -29,6 +30,9 @@ _MAX_DEPTH_MM = 65535
 class Trajectory:
     """Recording of one episode. Frame t holds the observation at which action t was chosen.
 
+    ``poses`` are those of one pose source: ``true``, ``odometry``, ``estimated`` or ``refined``.
+    :meth:`with_poses` gives the same recording with those of another source.
+
     Example:
         >>> Trajectory(np.eye(4)[None], np.zeros((1, 4, 6, 3), np.uint8), None, None, Intrinsics.from_fov(6, 4),
         ...            {"scene": "val-0", "policy": "frontier"})
@@ -36,12 +40,14 @@ class Trajectory:
           1 frame of 6x4 pixels; layers: rgb
     """
 
-    poses: np.ndarray  # (T, 4, 4) float64, camera-to-world, OpenGL
+    poses: np.ndarray  # (T, 4, 4) float64, camera-to-world, OpenGL, of the source ``pose_source``
     rgb: np.ndarray  # (T, H, W, 3) uint8
     depth: np.ndarray | None  # (T, H, W) float32, metres along the optical axis, 0 = none
     semantics: np.ndarray | None  # (T, H, W) uint8, class index
     intrinsics: Intrinsics
     meta: dict[str, Any] = field(default_factory=dict)  # JSON: scene, policy, seed, actions, coverage curves, ...
+    pose_source: str = "true"  # one of :data:`autonerf_lab.data.pose_sources.POSE_SOURCES`
+    other_poses: dict[str, np.ndarray] = field(default_factory=dict)  # source -> (T, 4, 4), without ``poses``
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -49,7 +55,39 @@ class Trajectory:
 
     def __repr__(self) -> str:
         size = (self.intrinsics.width, self.intrinsics.height)
-        return describe(self, [size], {"depth": self.depth, "semantics": self.semantics})
+        text = describe(self, [size], {"depth": self.depth, "semantics": self.semantics})
+        return f"{text}; poses: {self.pose_source}" if sources_to_json(self.pose_source, self.other_poses) else text
+
+    @property
+    def pose_sources(self) -> dict[str, np.ndarray]:
+        """Poses of all sources that the trajectory has, (T, 4, 4) each, by name."""
+        every = {**self.other_poses, self.pose_source: self.poses}
+        return {name: every[name] for name in POSE_SOURCES if name in every}
+
+    def with_poses(self, source: str, poses: np.ndarray | None = None) -> "Trajectory":
+        """Return the trajectory with the poses of another source; arrays are shared, not copied.
+
+        Args:
+            source: ``true``, ``odometry``, ``estimated`` or ``refined``.
+            poses: (T, 4, 4) camera-to-world poses to add under this name; None for those that the trajectory has.
+
+        Raises:
+            UnknownNameError: there is no pose source of that name.
+            DataError: the trajectory does not have these poses, or ``poses`` has another shape.
+
+        Example:
+            >>> trajectory = Trajectory(np.eye(4)[None], np.zeros((1, 4, 6, 3), np.uint8), None, None,
+            ...                         Intrinsics.from_fov(6, 4), pose_source="odometry")
+            >>> corrected = trajectory.with_poses("refined", np.eye(4)[None])
+            >>> corrected.pose_source, list(corrected.pose_sources), corrected.with_poses("odometry").pose_source
+            ('refined', ['odometry', 'refined'], 'odometry')
+        """
+        check_source(source, POSE_SOURCES if poses is not None else self.pose_sources)
+        chosen = self.pose_sources[source] if poses is None else np.asarray(poses, dtype=np.float64)
+        others = {name: value for name, value in self.pose_sources.items() if name != source}
+        if chosen.shape != (len(self), 4, 4):
+            raise DataError(f"poses have the shape {chosen.shape}, not {(len(self), 4, 4)}: one pose for each frame")
+        return replace(self, poses=chosen, pose_source=source, other_poses=others)
 
     def save(self, folder: str | Path) -> None:
         """Write a trajectory folder; an existing one is replaced. :func:`load_trajectory` reads it.
@@ -96,7 +134,11 @@ class Trajectory:
                 "camera_model": "OPENCV",
                 **{"w": k.width, "h": k.height, "fl_x": k.fl_x, "fl_y": k.fl_y, "cx": k.cx, "cy": k.cy},
                 **{"k1": k.k1, "k2": k.k2, "k3": k.k3, "p1": k.p1, "p2": k.p2},
-                "autonerf_lab": {"version": FORMAT_VERSION, **self.meta},
+                "autonerf_lab": {
+                    "version": FORMAT_VERSION,
+                    **self.meta,
+                    **sources_to_json(self.pose_source, self.other_poses),
+                },
                 "frames": [
                     {**{key: _frame_path(key, t) for key in layers}, "transform_matrix": pose.tolist()}
                     for t, pose in enumerate(self.poses)
@@ -134,6 +176,7 @@ and was it finished?
     if any(intrinsics.lens):
         raise DataError(f"{path}: a trajectory has no lens distortion; read photographs with load_dataset")
     shape, count = (size[1], size[0]), len(data.frames)
+    source, others, meta = read_sources(data.meta, count, path)
     need = count * shape[0] * shape[1] * 8
     if need > max_bytes:
         raise DataError(
@@ -157,7 +200,7 @@ and was it finished?
 
     parallel(read, count)
     depth, semantics = arrays.get("depth_file_path"), arrays.get("semantics_file_path")
-    return Trajectory(data.poses, arrays["file_path"], depth, semantics, intrinsics, data.meta)
+    return Trajectory(data.poses, arrays["file_path"], depth, semantics, intrinsics, meta, source, others)
 
 
 def describe(data: Any, sizes: Sequence[tuple[int, int]], layers: dict[str, Any]) -> str:
@@ -179,6 +222,7 @@ def _check_arrays(trajectory: Trajectory) -> None:
     shape = (len(trajectory), trajectory.intrinsics.height, trajectory.intrinsics.width)
     for name, array, want in (
         ("poses", trajectory.poses, (len(trajectory), 4, 4)),
+        *((f"other_poses[{name!r}]", poses, (len(trajectory), 4, 4)) for name, poses in trajectory.other_poses.items()),
         ("rgb", trajectory.rgb, (*shape, 3)),
         ("depth", trajectory.depth, shape),
         ("semantics", trajectory.semantics, shape),

@@ -51,11 +51,9 @@ def coverage(sim: Simulator, trajectory: Trajectory, visible: MapState) -> dict[
     """
     shares: dict[str, list[float]] = {name: [] for name in QUANTITIES.values()}
     totals = {key: int(np.count_nonzero(getattr(visible, key))) for key in QUANTITIES}
-    truth = trajectory.meta.get("true_poses")
-    poses = trajectory.poses if truth is None else [planar_pose(*pose) for pose in truth]
     mapper = Mapper(_blank(sim), sim.intrinsics)
-    for pose in poses:
-        known = _observe(sim, mapper, np.asarray(pose))
+    for pose in trajectory.pose_sources.get("true", trajectory.poses):
+        known = _observe(sim, mapper, pose)
         for key, name in QUANTITIES.items():
             seen = np.count_nonzero(getattr(known, key) & getattr(visible, key))
             shares[name].append(100.0 * seen / totals[key] if totals[key] else 100.0)

@@ -17,6 +17,7 @@ from autonerf_lab.config import preset as get_preset
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
+from autonerf_lab.evaluators.aligned import aligned_data, aligned_field
 from autonerf_lab.evaluators.context import EvaluationContext
 from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.metrics import METRICS
@@ -26,7 +27,7 @@ from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.task import Task
-from autonerf_lab.evaluators.tasks import DEFAULT_TASKS, TASKS, available, rows_of, run_task
+from autonerf_lab.evaluators.tasks import DEFAULT_TASKS, TASKS, available, default_tasks, rows_of, run_task
 from autonerf_lab.evaluators.tsdf import fused_scores
 from autonerf_lab.nerf.frame import FieldFrame
 
@@ -64,6 +65,9 @@ def evaluate(
 ) -> Scores:
     """Score a field in its scene, or on held-out photographs.
 
+    A field that was trained on other poses than the true ones is first aligned with the scene, by the planar rigid
+    motion that fits its training poses to the true ones; the task ``trajectory`` states it in ``scores.details``.
+
     Args:
         nerf: a trained NeRF, or an object with the interface :class:`~autonerf_lab.evaluators.RadianceField`.
         scene: the scene of the field, as ground truth. Or the held-out part of :meth:`Dataset.split`: the only task is
@@ -73,7 +77,8 @@ def evaluate(
         preset: settings of the tasks.
         seed: random seed of test poses, planning episodes, random pixels and mesh samples.
         tasks: names in :data:`~autonerf_lab.evaluators.TASKS`, or of installed packages. Default: all built-in tasks
-            that are not optional. ``navigation`` (minutes) and ``finetuning`` (hours) run only if they are named.
+            that are not optional, and ``trajectory`` for a field trained on other poses than the true ones.
+            ``navigation`` (minutes) and ``finetuning`` (hours) run only if they are named.
         progress: show a progress bar.
         trajectory: training data of the field. With it, ``scores.baselines["nearest_view"]`` holds the rendering scores
             of the nearest training image, and ``["tsdf"]`` the mesh scores of the fused depth (extra ``open3d``).
@@ -90,7 +95,8 @@ def evaluate(
 
     Raises:
         UnknownNameError: unknown task or preset.
-        DataError: the field or the trajectory belongs to another scene, is not in metres, or lies outside the scene;
+        DataError: the field or the trajectory belongs to another scene, is not in metres, lies outside the scene, or
+            cannot be aligned with it;
             tasks are given for photographs; the file of ``lpips_weights`` is missing or damaged; the disk is full.
         MemoryError: out of memory.
 
@@ -104,7 +110,8 @@ def evaluate(
         if tasks is not None:
             raise DataError("photographs have no ground truth for tasks; leave out the argument tasks, or pass a scene")
         return _score_photographs(nerf, scene, progress, trajectory, lpips)
-    settings, names = get_preset(preset), [*DEFAULT_TASKS] if tasks is None else list(tasks)
+    nerf, trajectory = aligned_field(nerf), None if trajectory is None else aligned_data(trajectory)
+    settings, names = get_preset(preset), list(default_tasks(nerf.meta) if tasks is None else tasks)
     nearest: Any = None if trajectory is None else NearestView(trajectory)
     if nearest is not None:  # before any computation
         _check_scene("this trajectory", nearest.poses, nearest.meta, nearest.frame, scene)
@@ -171,7 +178,7 @@ def upstream_scores(
     from autonerf_lab.evaluators.upstream import UPSTREAM_TASKS, UpstreamContext
 
     chosen = _chosen(UPSTREAM_TASKS if tasks is None else tasks, UPSTREAM_TASKS)
-    return _score(UpstreamContext(nerf, scene, get_preset(preset), seed), chosen, progress)
+    return _score(UpstreamContext(aligned_field(nerf), scene, get_preset(preset), seed), chosen, progress)
 
 
 def _chosen(names: Iterable[str], tasks: Mapping[str, Task]) -> list[Task]:

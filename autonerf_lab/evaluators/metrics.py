@@ -101,6 +101,11 @@ _PROTOCOL = (
         )
         for name, title, value in (("success", "Success", success), ("spl", "SPL", spl))
     ),
+    Metric("trajectory", "ate_m", "m", "Trajectory error (ATE)", -1, 1, 100.0),
+    Metric("trajectory", "ate_unaligned_m", "m", "Trajectory error without alignment", -1, 1, 100.0),
+    Metric("trajectory", "heading_error_deg", "deg", "Heading error", -1, 2),
+    Metric("trajectory", "error_per_metre", "%", "Position error per metre of path", -1, 2),
+    Metric("trajectory", "error_per_degree", "%", "Heading error per degree turned", -1, 2),
     *(
         metric
         for name, title in (("", "Area"), ("obstacle_", "Obstacle"), ("semantic_", "Semantic"), ("viewpoint_", "View"))

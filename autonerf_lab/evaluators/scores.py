@@ -1,6 +1,7 @@
 """``Scores``: a list of :class:`~autonerf_lab.types.Score` that prints as a table beside the values of the paper."""
 
 import html
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -96,7 +97,8 @@ class Scores(list[Score]):
     def details_table(self, task: str) -> list[tuple[str, ...]]:
         """Format the details of a task as a table, header first; empty if there are none.
 
-        For ``finetuning``, one line per policy: scores, frames and hours. For other tasks, the numbers of outcomes of
+        For ``finetuning``, one line per policy: scores, frames and hours. For ``trajectory``, the motion that aligned
+        the poses. For other tasks, the numbers of outcomes of
         their episodes.
 
         Example:
@@ -111,6 +113,13 @@ class Scores(list[Score]):
         details = self.details.get(task, {})
         if task == "finetuning":
             return self._finetuning_table(details)
+        if task == "trajectory" and details:
+            moved = details["alignment"]
+            numbers = (f"{moved['x_m']:.3f}", f"{moved['y_m']:.3f}", f"{math.degrees(moved['heading_rad']):.3f}")
+            return [
+                ("poses moved onto the true ones", "x [m]", "y [m]", "rotation [°]"),
+                (details["pose_source"], *numbers),
+            ]
         reasons = details.get("reasons", {})
         found = {name for counts in reasons.values() for name in counts}
         names = sorted(found, key=lambda name: (name != "success", name))

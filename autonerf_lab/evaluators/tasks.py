@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from autonerf_lab.evaluators.conformance import check_task
@@ -16,6 +16,7 @@ from autonerf_lab.evaluators.pose_refinement import PoseRefinementTask
 from autonerf_lab.evaluators.rendering import RenderingTask
 from autonerf_lab.evaluators.semantic_maps import MapsTask
 from autonerf_lab.evaluators.task import Task, TaskResult, failure
+from autonerf_lab.evaluators.trajectory import TrajectoryTask
 from autonerf_lab.types import Score
 from autonerf_lab.utils.plugins import load_plugins
 
@@ -27,8 +28,19 @@ TASKS: dict[str, Task] = {
     "mesh": MeshTask(),
     "navigation": NavigationTask(),
     "finetuning": FinetuningTask(),
+    "trajectory": TrajectoryTask(),
 }
 DEFAULT_TASKS = tuple(name for name, task in TASKS.items() if not task.optional)
+
+
+def default_tasks(meta: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the tasks of a field with this metadata: ``trajectory`` is among them if its poses are not the true ones.
+
+    Example:
+        >>> default_tasks({}) == DEFAULT_TASKS, default_tasks({"pose_source": "estimated"})[-1]
+        (True, 'trajectory')
+    """
+    return DEFAULT_TASKS if meta.get("pose_source", "true") == "true" else (*DEFAULT_TASKS, "trajectory")
 
 
 def available() -> dict[str, Task]:

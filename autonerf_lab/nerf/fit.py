@@ -16,6 +16,7 @@ from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, TrainingError
+from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.nerf.checkpoint import TrainingState
 from autonerf_lab.nerf.frame import SPREAD, FieldFrame, inliers
 from autonerf_lab.nerf.model import DepthGuidedSampler, Model, ModelSpec, check_device
@@ -126,6 +127,10 @@ def fit(
             "fewer or smaller images"
         ) from error
     meta: dict[str, Any] = {key: data.meta.get(key) for key in ("scene", "scene_sha256", "policy", "start")}
+    if data.true_poses is not None or data.pose_source != "true":
+        meta["pose_source"] = data.pose_source
+    if data.true_poses is not None:
+        meta["true_poses"] = [planar_from_pose(pose) for pose in data.true_poses]
     meta |= {"model": spec.name, "preset": chosen.name, "seed": seed, "steps": state.step}
     meta |= {"train_psnr": state.psnr, "seconds": state.seconds, "skipped_steps": state.skipped}
     return NeRF(built, poses, data.intrinsics[0], visibility, meta, frame, classes)

@@ -33,7 +33,8 @@ class NeRF:
         poses: (T, 4, 4) float64 camera-to-world training poses, after pose refinement if it was on.
         intrinsics: camera model of the first training image.
         visibility: voxels that the training views have seen, in the coordinates of the field.
-        meta: JSON: scene, policy, seed, preset, steps, seconds, training PSNR.
+        meta: JSON: scene, policy, seed, preset, steps, seconds, training PSNR; if the poses were not the true ones,
+            their source, and ``true_poses`` (x, y, heading) if they are known.
         frame: conversion between the world and the coordinates of the field; the identity for trajectories.
         classes: number of semantic classes, 0 for a field trained without labels.
     """

@@ -66,9 +66,15 @@ class StageContext:
             )
         return scene
 
-    @cached_property
+    @property
     def trajectory(self) -> "Trajectory":
-        """Trajectory of the run.
+        """Trajectory of the run, with the poses on which its field is trained; errors are those of :attr:`recorded`."""
+        poses = self.run.config.fit_poses
+        return self.recorded if poses is None else self.recorded.with_poses(poses)
+
+    @cached_property
+    def recorded(self) -> "Trajectory":
+        """Trajectory of the run, as recorded.
 
         Raises:
             DataError: A file is missing or damaged, or the trajectory was recorded in another scene.

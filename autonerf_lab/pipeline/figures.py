@@ -32,11 +32,21 @@ def draw_trajectory(
     gallery.add(
         "trajectory",
         "from_above",
-        partial(figures.trajectory_view, scene, trajectory.poses),
+        partial(figures.trajectory_view, scene, trajectory.pose_sources.get("true", trajectory.poses)),
         title="Trajectory, seen from above",
         caption=f"{steps} steps; the colour shows the step, and the white dot is the start. The ceiling is not drawn.",
         alt=f"Floor plan of the furnished apartment with the trajectory of the robot, {length:.0f} metres long",
     )
+    if trajectory.pose_source != "true" and "true" in trajectory.other_poses:
+        gallery.add(
+            "trajectory",
+            "drift",
+            partial(figures.pose_drift, trajectory),
+            title="True, measured and estimated path",
+            caption=f"The robot used its {trajectory.pose_source} poses. Errors are distances from the true pose, "
+            "without alignment; dotted: standard deviation that the estimate predicts.",
+            alt="Paths of the pose sources from above, beside curves of position and heading error over the steps",
+        )
     gallery.add(
         "trajectory",
         "frames",

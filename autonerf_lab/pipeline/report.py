@@ -19,7 +19,7 @@ from autonerf_lab.evaluators.metrics import METRICS, Metric
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.tasks import TASKS, available, metric_of
 from autonerf_lab.pipeline.gallery import StoredFigure, read_gallery
-from autonerf_lab.pipeline.run_folder import STAGES, RunFolder
+from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, RunFolder
 from autonerf_lab.utils import storage
 
 BASELINES = ("nearest_view", "tsdf", "oracle")
@@ -86,7 +86,7 @@ def render(run: RunFolder) -> str:
     facts = {"Apartment": config.scene, "Policy": config.policy, "Model": config.model, "Preset": config.preset}
     return template.render(
         config=config,
-        facts=[*facts.items(), ("Random seed", config.seed)],
+        facts=[*facts.items(), ("Random seed", config.seed), *_noise(config)],
         sections=_sections(run, scores),
         tiles=_tiles(scores),
         table=score_table(scores, baselines),
@@ -96,6 +96,18 @@ def render(run: RunFolder) -> str:
         version=__version__,
         machine=f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
     )
+
+
+def _noise(config: RunConfig) -> list[tuple[str, Any]]:
+    """Return noise and pose source of a run, as far as they are set."""
+    values = {
+        "Noise": config.noise,
+        "Noise scale": config.noise_scale,
+        "Depth noise": config.depth_noise,
+        "Poses of the exploration": config.poses,
+        "Poses of the training": config.fit_poses,
+    }
+    return [(name, value) for name, value in values.items() if value is not None]
 
 
 def _formatted(metric: Metric, value: float | None, status: str = "ok") -> str:
@@ -179,7 +191,8 @@ def _sections(run: RunFolder, scores: Scores) -> list[Section]:
     scored = [row.task for row in scores if row.task in tasks]
     for key in dict.fromkeys([*(figure.section for figure in figures), *scored]):
         if key == TRAJECTORY.key:
-            section = TRAJECTORY
+            text = f"{TRAJECTORY.text} {tasks[key].text}" if key in scored else TRAJECTORY.text
+            section = replace(TRAJECTORY, text=text)
         else:
             section = Section(key, _title(key), tasks[key].text if key in tasks else "")
         embedded = tuple(_embed(run / "figures", figure) for figure in figures if figure.section == key)

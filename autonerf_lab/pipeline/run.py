@@ -37,6 +37,7 @@ def check_arguments(
     """
     options = options or StageOptions()
     _check_noise(*(overrides.pop(name, None) for name in ("noise", "noise_scale", "depth_noise")))
+    _check_poses(overrides.pop("poses", None))
     for key, value in overrides.items():
         low, high = {"hfov_deg": (0, 180), "map_size": (40, 1 << 14)}.get(key, (0, 1 << 20))
         if value is not None and not low < value < high:
@@ -77,6 +78,14 @@ def _check_noise(noise: str | None, scale: float | None, depth: str | None) -> N
         depth_noise(depth)
 
 
+def _check_poses(poses: str | None) -> None:
+    if poses is not None:
+        from autonerf_lab.data.pose_sources import check_source
+        from autonerf_lab.exploration.rollout import POSES
+
+        check_source(poses, POSES)
+
+
 def run_pipeline(
     out: str | Path,
     scene: str,
@@ -101,8 +110,8 @@ def run_pipeline(
         last: Name of the last stage.
         overwrite: Replace a finished or different run.
         options: Options of the stages.
-        overrides: ``steps``, ``map_size``, ``width``, ``height``, ``hfov_deg``, ``noise``, ``noise_scale`` and
-            ``depth_noise`` of :class:`RunConfig`.
+        overrides: ``steps``, ``map_size``, ``width``, ``height``, ``hfov_deg``, ``noise``, ``noise_scale``,
+            ``depth_noise`` and ``poses`` of :class:`RunConfig`.
 
     Raises:
         AutoNerfError: A name is unknown, the folder holds something else, or a stage failed.
@@ -116,7 +125,7 @@ def run_pipeline(
     with locked(Path(out)):
         run = open_run(out, config, last, overwrite)
         if model is not None and run.config.model is None:
-            run.set_model(model)
+            run.set_fit(model)
         _run_stages(StageContext(run, loaded, options), STAGES[: STAGES.index(last) + 1], loading_seconds)
 
 
@@ -126,8 +135,17 @@ def run_stage(
     model: str | None = None,
     overwrite: bool = False,
     options: StageOptions | None = None,
+    poses: str | None = None,
 ) -> None:
     """Run one stage in an existing run folder.
+
+    Args:
+        out: Run folder.
+        stage: Name of the stage.
+        model: Name of the model, for the stage ``fit``.
+        overwrite: Replace finished results of the stage.
+        options: Options of the stage.
+        poses: Pose source of the stage ``fit``: one that the trajectory has. None: that of the exploration.
 
     Raises:
         AutoNerfError: A previous stage is not finished, the stage is finished already, or it failed.
@@ -143,9 +161,11 @@ def run_stage(
         elif run.finished(stage) and overwrite:
             for name in INPUTS[stage]:  # check the inputs before the old results are removed
                 getattr(context, name)
+        if poses is not None:
+            context.recorded.with_poses(poses)
         run.clear_stage(stage, overwrite)
-        if model is not None:
-            run.set_model(model)
+        if stage == "fit":
+            run.set_fit(model, poses)
         _run_stages(context, [stage])
 
 

@@ -71,9 +71,11 @@ class RunConfig:
     noise: str | None = None  # model of the noise of motion and odometry; None: exact
     noise_scale: float | None = None  # factor of this noise
     depth_noise: str | None = None  # model of the noise of depth images; None: exact
+    poses: str | None = None  # pose source of the exploration; None: odometry
+    fit_poses: str | None = None  # pose source of the training; None: that of the exploration
 
     def differences(self, other: "RunConfig") -> list[str]:
-        """Return a description of each difference. A model that only one side has set does not count.
+        """Return a description of each difference. Settings of the stage ``fit`` that only one side has do not count.
 
         Example:
             >>> a = RunConfig("val-0", "f00", "frontier", "fast")
@@ -82,7 +84,9 @@ class RunConfig:
         """
         own, others = asdict(self), asdict(other)
         changed = [
-            key for key in own if own[key] != others[key] and not (key == "model" and None in (own[key], others[key]))
+            key
+            for key in own
+            if own[key] != others[key] and not (key in ("model", "fit_poses") and None in (own[key], others[key]))
         ]
         if changed == ["scene_sha256"]:
             return [f"scene {self.scene!r} has changed since the run began"]
@@ -141,9 +145,10 @@ class RunFolder:
         outputs.record(self.path, stage, (*OUTPUTS[stage], *(pattern.format(stage=stage) for pattern in _FIGURES)))
         self.save()
 
-    def set_model(self, model: str) -> None:
-        """Record the model of the run in ``run.json``."""
-        self.config = replace(self.config, model=model)
+    def set_fit(self, model: str | None = None, poses: str | None = None) -> None:
+        """Record the model and the pose source of the training in ``run.json``; None leaves them unchanged."""
+        chosen: dict[str, Any] = {"model": model, "fit_poses": poses}
+        self.config = replace(self.config, **{key: value for key, value in chosen.items() if value is not None})
         self.save()
 
     def clear_stage(self, stage: str, overwrite: bool) -> None:

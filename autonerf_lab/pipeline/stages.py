@@ -33,7 +33,8 @@ def _explore(context: StageContext) -> None:
     noise = motion_noise(config.noise, config.noise_scale)
     sim = Simulator.from_preset(context.scene, size, noise, config.depth_noise)
     explore(
-        sim, config.policy, steps=size.episode_steps, seed=config.seed, map_size=config.map_size or MAP_SIZE
+        sim, config.policy, steps=size.episode_steps, seed=config.seed, map_size=config.map_size or MAP_SIZE,
+        poses=config.poses or "odometry",
     ).save(context.run / "trajectory")  # fmt: skip
     draw_trajectory(context.run / "figures", context.scene, context.trajectory, context.options.figures)
 
@@ -53,7 +54,9 @@ def _fit(context: StageContext) -> None:
 
 
 def _evaluate(context: StageContext) -> None:
-    from autonerf_lab.evaluators import DEFAULT_TASKS, evaluate, upstream_scores
+    from autonerf_lab.evaluators import evaluate, upstream_scores
+    from autonerf_lab.evaluators.aligned import aligned_field
+    from autonerf_lab.evaluators.tasks import default_tasks
     from autonerf_lab.pipeline.figures import draw_scores
 
     run, scene, options = context.run, context.scene, context.options
@@ -62,7 +65,7 @@ def _evaluate(context: StageContext) -> None:
         scene,
         context.preset,
         run.config.seed,
-        [*DEFAULT_TASKS, *options.optional_tasks],
+        list(dict.fromkeys([*default_tasks(context.nerf.meta), *options.optional_tasks])),
         trajectory=context.trajectory if options.baselines else None,
         lpips_weights=options.lpips,
         checkpoint=run / "finetuning",
@@ -74,7 +77,7 @@ def _evaluate(context: StageContext) -> None:
     if options.upstream:
         print("evaluating the same field with the definitions of the released code", flush=True)
         upstream_scores(context.nerf, scene, context.preset, run.config.seed).save(run / "baselines/upstream.json")
-    draw_scores(run / "figures", context.nerf, scene, scores.artifacts, options.figures)
+    draw_scores(run / "figures", aligned_field(context.nerf), scene, scores.artifacts, options.figures)
     if options.lpips is not None:
         print(f"LPIPS weights: SHA-256 {options.lpips.sha256}", flush=True)
 

@@ -145,6 +145,25 @@ class MotionNoise:
         x, y, turn = _sample(_ODOMETRY[action], _scale(action), rng)
         return self.scale * x, self.scale * y, self.scale * turn
 
+    def odometry_moments(self, action: Action) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean (3,) and covariance (3, 3) of :meth:`odometry_error`: the calibration of the robot.
+
+        Example:
+            >>> mean, covariance = MotionNoise().odometry_moments(Action.TURN_LEFT)
+            >>> float(np.degrees(mean[2]).round(3)), float(np.degrees(np.sqrt(covariance[2, 2])).round(3))
+            (-0.594, 0.145)
+        """
+        if not self.odometry:
+            return np.zeros(3), np.zeros((3, 3))
+        factor, units = _scale(action), self.scale * np.array([1e-3, -1e-3, -np.pi / 180])
+        mixture = _ODOMETRY[action]
+        weights = np.array([g.weight for g in mixture])
+        means = np.array([g.mean for g in mixture]) * factor
+        mean = weights @ means
+        apart = means - mean
+        variance = np.diag(weights @ np.square([g.sigma for g in mixture]) * factor)
+        return units * mean, np.outer(units, units) * (variance + (weights[:, None] * apart).T @ apart)
+
 
 def motion_noise(model: str | None, scale: float | None = None) -> MotionNoise | None:
     """Return the noise of a model by name, for actuation and odometry; None for none.

@@ -1,6 +1,7 @@
 """Tables of a grid: means, intervals, best values, missing values, and the values of the paper."""
 
 import html
+import json
 import math
 from dataclasses import replace
 
@@ -13,10 +14,12 @@ from autonerf_lab.benchmark.compare import METRICS as COMPARED
 from autonerf_lab.benchmark.compare import compare
 from autonerf_lab.benchmark.correlations import pearson
 from autonerf_lab.benchmark.export import export_results
+from autonerf_lab.benchmark.grid import CONDITIONS
 from autonerf_lab.benchmark.paper_tables import TABLES, all_tables, table
-from autonerf_lab.benchmark.results_table import load_results_table, paired_difference
+from autonerf_lab.benchmark.results import load_results, open_results
+from autonerf_lab.benchmark.results_table import load_results_table, paired_difference, scores_frame
 from autonerf_lab.benchmark.text_table import Entry, Table
-from autonerf_lab.errors import RunFolderError, UnknownNameError
+from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
 from autonerf_lab.evaluators.metrics import METRICS
 from autonerf_lab.types import Score
 
@@ -275,3 +278,51 @@ def test_values_of_the_paper_agree_with_the_metric_registry():
     assert paper.POSE[2].format(paper.BY_POLICY["modular-obs"][paper.POSE[2].key]) == "7.65"
     strongest = [r for (reward, _), rs in paper.CORRELATIONS.items() if reward == "obs" for r in rs]
     assert strongest.count("-") == 15 and len(strongest) == 40
+
+
+def test_noise_and_pose_source_have_rows_of_their_own(tmp_path):
+    values = {"frontier": [20.0] * 3, "modular-obs": [25.0] * 3}
+    exact = folder(tmp_path / "exact", values)
+    noisy = Grid(("modular-obs",), GRID.scenes, 1, preset="smoke", noise="ans", depth_noise="redwood")
+    estimated = replace(noisy, poses="estimated")
+    folders = [folder(tmp_path / str(k), {"modular-obs": [v] * 3}, g) for k, (g, v) in
+               enumerate(((noisy, 15.0), (estimated, 24.0)))]  # fmt: skip
+    found = load_results_table(exact, *folders)
+    rows = [row[0].text for row in table("rendering", found).rows]
+    assert rows[1:] == [
+        f"modular-obs, {MODEL}",
+        f"modular-obs, {MODEL}, noise ans, depth noise redwood",
+        f"modular-obs, {MODEL}, noise ans, depth noise redwood, poses estimated",
+    ]
+    made = table("noise", found)
+    assert [entry.text for entry in made.rows[0]] == ["rendering: PSNR [dB]", "25.00 ± 0.00", "25.56", "24.00 ± 0.00",
+                                                      "20.87"]  # fmt: skip
+    assert "poses estimated" in made.note and made.rows[-1][0].text.startswith("trajectory: ")
+    alone = table("noise", load_results_table(folders[0]))
+    assert [entry.text for entry in alone.rows[0]][1:4] == ["–", "25.56", "15.00 ± 0.00"]
+    frame = scores_frame(load_results_table(*folders).outcomes)
+    assert frame["poses"].fillna("").tolist() == [""] * 3 + ["estimated"] * 3 and set(frame["noise"]) == {"ans"}
+    assert "noise" not in scores_frame(load_results_table(exact).outcomes)
+    assert noisy.cells()[0].name == f"val-0_modular-obs_0_{MODEL}_ans-redwood"
+
+
+def test_noise_is_checked_and_part_of_the_fingerprint(tmp_path):
+    noisy = replace(GRID, noise="ans", poses="estimated")
+    open_results(tmp_path / "noisy", noisy)
+    assert load_results(tmp_path / "noisy").grid == noisy
+    with pytest.raises(RunFolderError, match="noise: ans, not None; poses: estimated, not None"):
+        open_results(tmp_path / "noisy", GRID)
+    made = open_results(tmp_path / "old", GRID)
+    content = json.loads((made.path / "grid.json").read_text())
+    for key in CONDITIONS:  # results of earlier releases
+        del content["grid"][key]
+    (made.path / "grid.json").write_text(json.dumps(content))
+    assert open_results(tmp_path / "old", GRID).grid == load_results(tmp_path / "old").grid == GRID
+    for change, message in (
+        ({"noise": "ons"}, "noise model 'ons'"),
+        ({"noise_scale": 2.0}, "needs a noise model"),
+        ({"depth_noise": "red"}, "depth noise 'red'"),
+        ({"noise": "ans", "poses": "refined"}, "there are no 'refined' poses"),
+    ):
+        with pytest.raises((DataError, UnknownNameError), match=message):
+            replace(GRID, **change).checked()

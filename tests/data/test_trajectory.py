@@ -2,12 +2,14 @@
 
 import json
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from autonerf_lab.data.dataset import load_dataset
 from autonerf_lab.data.trajectory import Trajectory, load_trajectory
-from autonerf_lab.errors import DataError
+from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics, planar_pose
 
 
@@ -184,4 +186,78 @@ def test_class_out_of_range_is_named(folder):
 
     Image.fromarray(np.full((6, 8), 16, np.uint8)).save(folder / "semantics/frame_00000.png")
     with pytest.raises(DataError, match="class 16"):
+        load_trajectory(folder)
+
+
+def _noisy() -> Trajectory:
+    """Odometry with true poses beside them, which are 1 m farther along x."""
+    trajectory = _trajectory()
+    shifted = trajectory.poses.copy()
+    shifted[:, 0, 3] += 1.0
+    return replace(trajectory, pose_source="odometry", other_poses={"true": shifted})
+
+
+def test_another_pose_source_becomes_active():
+    odometry = _noisy()
+    true = odometry.with_poses("true")
+    assert (true.poses - odometry.poses)[:, 0, 3].tolist() == [1.0] * 3
+    assert (true.pose_source, list(true.pose_sources)) == ("true", ["true", "odometry"])
+    estimated = true.with_poses("estimated", true.poses + 0.0)
+    assert list(estimated.pose_sources) == ["true", "odometry", "estimated"]
+    np.testing.assert_array_equal(estimated.with_poses("odometry").poses, odometry.poses)
+    assert estimated.rgb is odometry.rgb
+    assert repr(estimated).endswith("; poses: estimated")
+
+
+def test_pose_sources_that_do_not_exist_are_refused():
+    with pytest.raises(DataError, match="there are no 'refined' poses, only true, odometry"):
+        _noisy().with_poses("refined")
+    with pytest.raises(UnknownNameError, match="unknown pose source 'estimate'; valid names: estimated"):
+        _noisy().with_poses("estimate", np.eye(4)[None])
+    with pytest.raises(DataError, match="one pose for each frame"):
+        _noisy().with_poses("refined", np.eye(4)[None])
+    with pytest.raises(DataError, match=r"other_poses\['true'\] has the shape"):
+        replace(_noisy(), other_poses={"true": np.eye(4)[None]}).save("/nowhere")
+
+
+def test_pose_sources_are_saved_and_loaded(tmp_path):
+    trajectory = _noisy().with_poses("estimated", _noisy().poses)
+    trajectory.save(tmp_path)
+    again = load_trajectory(tmp_path)
+    assert (again.pose_source, again.meta) == ("estimated", trajectory.meta)
+    assert again.other_poses.keys() == {"true", "odometry"}
+    for name, poses in trajectory.pose_sources.items():
+        np.testing.assert_array_equal(again.pose_sources[name], poses)
+    dataset = load_dataset(tmp_path)
+    assert (dataset.pose_source, dataset.meta) == ("estimated", trajectory.meta)
+    np.testing.assert_array_equal(dataset.true_poses, trajectory.other_poses["true"])
+    train, held_out = dataset.split(2)
+    np.testing.assert_array_equal(train.true_poses, dataset.true_poses[1:2])
+    np.testing.assert_array_equal(held_out.true_poses, dataset.true_poses[::2])
+
+
+def test_a_trajectory_of_release_0_1_has_its_true_poses(folder):
+    rows = [[t, 2.0 * t, 0.5 * t] for t in range(3)]
+    _edit(folder, lambda content: content["autonerf_lab"].update(true_poses=rows))
+    again = load_trajectory(folder)
+    assert again.pose_source == "odometry" and "true_poses" not in again.meta
+    np.testing.assert_allclose(again.other_poses["true"], _trajectory().poses)
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        ({"pose_source": "gps"}, "must be one of true, odometry, estimated, refined, not 'gps'"),
+        ({"pose_source": ["true"]}, "'pose_source' must be one of"),
+        ({"other_poses": []}, "'other_poses' must be a JSON object"),
+        ({"other_poses": {"true": []}}, "'true', which is not another pose source"),
+        ({"other_poses": {"refined": [[]]}}, "must be a list of 3 poses"),
+        ({"other_poses": {"refined": [[[0] * 4] * 4] * 3}}, "frame 0.*is not a rigid"),
+        ({"true_poses": [[0, 0, 0]]}, "must be 3 rows of x, y and heading"),
+        ({"true_poses": [["a", 0, 0]] * 3}, "must be 3 rows of x, y and heading"),
+    ],
+)
+def test_pose_sources_that_are_not_valid(folder, entries, message):
+    _edit(folder, lambda content: content["autonerf_lab"].update(entries))
+    with pytest.raises(DataError, match=message):
         load_trajectory(folder)

@@ -26,9 +26,8 @@ def visible(sim):
     return visible_map(sim, POSES, seed=0)
 
 
-def trajectory_of(sim: Simulator, poses: list[np.ndarray], **meta) -> Trajectory:
-    images = np.zeros((len(poses), 32, 32, 3), np.uint8)
-    return Trajectory(np.stack(poses), images, None, None, sim.intrinsics, meta)
+def trajectory_of(sim: Simulator, poses: list[np.ndarray]) -> Trajectory:
+    return Trajectory(np.stack(poses), np.zeros((len(poses), 32, 32, 3), np.uint8), None, None, sim.intrinsics)
 
 
 def seeded_poses(sim: Simulator) -> list[np.ndarray]:
@@ -76,8 +75,7 @@ def test_coverage_is_the_percentage_of_the_visible_cells(sim, visible):
 def test_coverage_uses_the_true_poses(sim, visible):
     """The camera is at the true pose, not at the pose of the odometry."""
     poses = seeded_poses(sim)[:5]
-    true = [[pose[0, 3], pose[1, 3], np.arctan2(-pose[1, 2], -pose[0, 2])] for pose in poses]
-    drifted = trajectory_of(sim, [planar_pose(0.5, 0.5, 0.0)] * 5, true_poses=true)
+    drifted = trajectory_of(sim, poses).with_poses("odometry", np.stack([planar_pose(0.5, 0.5, 0.0)] * 5))
     for name, curve in coverage(sim, drifted, visible).items():
         assert np.allclose(curve, coverage(sim, trajectory_of(sim, poses), visible)[name])
 

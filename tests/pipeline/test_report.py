@@ -2,6 +2,7 @@
 
 import html.parser
 import re
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -181,3 +182,14 @@ def test_a_gallery_draws_only_the_chosen_figures_and_no_empty_animation(tmp_path
     assert drawn == ["wanted", "empty"]
     assert [figure.file for figure in read_gallery(tmp_path, "evaluate")] == ["evaluate_wanted.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["evaluate.json", "evaluate_wanted.png"]
+
+
+def test_noise_and_alignment_are_stated(run):
+    run.config = replace(run.config, noise="ans", noise_scale=2.0, poses="estimated")
+    scores = Scores([Score("trajectory", "ate_m", 0.0123, "m", n=9)])
+    moved = {"x_m": 0.5, "y_m": -0.25, "heading_rad": np.pi / 180}
+    scores.details["trajectory"] = {"pose_source": "estimated", "alignment": moved}
+    scores.save(run / "scores.json")
+    text = render(run)
+    assert "moved onto that of the apartment" in text and "Poses of the exploration" in text and "Noise scale" in text
+    assert re.search(r"estimated</td>\s*<td[^>]*>0.500</td>\s*<td[^>]*>-0.250</td>\s*<td[^>]*>1.000<", text)

@@ -7,8 +7,9 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+import toy_scene
 
-from autonerf_lab import pipeline
+from autonerf_lab import cli, pipeline
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError, UnknownNameError
 from autonerf_lab.pipeline import run as run_module
 from autonerf_lab.pipeline.run_folder import STAGES, load_run
@@ -145,7 +146,7 @@ def test_killed_process_is_resumed(tmp_path, stage):
     code = f"""
 import os, signal
 from types import SimpleNamespace
-from autonerf_lab import pipeline
+from autonerf_lab import cli, pipeline
 from autonerf_lab.pipeline import run as run_module
 from autonerf_lab.pipeline.run_folder import STAGES
 def stage_function(name):
@@ -168,3 +169,32 @@ pipeline.run_pipeline({str(tmp_path / "run")!r}, "val-0", "frontier", "smoke")
     assert (killed, resumed) == (-signal.SIGKILL, 0)
     assert sorted((tmp_path / "run/log").read_text().split()) == sorted([*STAGES, stage])
     assert list(json.loads((tmp_path / "run/run.json").read_text())["stages"]) == list(STAGES)
+
+
+def test_pose_sources_of_exploration_and_training(tmp_path, monkeypatch):
+    used = []
+    toy = toy_scene.to_scene(toy_scene.two_rooms())
+    monkeypatch.setattr(run_module, "find_scene", lambda name: toy)
+    monkeypatch.setitem(run_module.STAGE_FUNCTIONS, "scene", lambda context: None)
+    monkeypatch.setitem(run_module.STAGE_FUNCTIONS, "fit", lambda context: used.append(context.trajectory))
+    noise = {"noise": "ans", "depth_noise": "redwood", "poses": "estimated", "steps": 3}
+    run_pipeline(tmp_path, policy="random", last="explore", options=pipeline.StageOptions(figures=()), **noise)
+    assert load_run(tmp_path).config.poses == "estimated"
+    with pytest.raises(DataError, match="there are no 'refined' poses, only true, odometry, estimated"):
+        pipeline.run_stage(tmp_path, "fit", "instant-ngp", poses="refined")
+    assert not used and load_run(tmp_path).config.model is None
+    pipeline.run_stage(tmp_path, "fit", "instant-ngp")
+    pipeline.run_stage(tmp_path, "fit", "instant-ngp", overwrite=True, poses="odometry")
+    assert [trajectory.pose_source for trajectory in used] == ["estimated", "odometry"]
+    assert load_run(tmp_path).config.fit_poses == "odometry"
+    with pytest.raises(RunFolderError, match="poses is 'estimated', not 'true'"):
+        run_pipeline(tmp_path, policy="random", last="explore", **(noise | {"poses": "true"}))
+    with pytest.raises(UnknownNameError, match="pose source 'gps'"):
+        run_pipeline(tmp_path, poses="gps")
+
+
+def test_poses_of_fit_belong_to_a_run_or_to_photographs(tmp_path, capsys):
+    assert cli.main(["fit", str(tmp_path), "--poses", "colmap"]) == 1
+    assert "--poses colmap need photographs" in capsys.readouterr().err
+    assert cli.main(["fit", str(tmp_path), "--poses", "true", "--out", str(tmp_path / "out")]) == 1
+    assert "photographs have no true poses" in capsys.readouterr().err

@@ -28,6 +28,7 @@ from autonerf_lab.pipeline.run_folder import RunConfig, open_run
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Observation
 from autonerf_lab.viz.figures.rollouts import rollouts
+from autonerf_lab.viz.player.page import page_html, player_html
 from autonerf_lab.viz.player.player import Player, play
 
 CAMERA = Intrinsics.from_fov(24, 24)
@@ -172,6 +173,19 @@ def test_page_is_self_contained(trajectory: Trajectory, other: Trajectory, tmp_p
     shown = np.asarray(decode(data["trajectories"][0]["views"][2][1]).convert("RGBA"))[::-1]  # north is up
     np.testing.assert_array_equal(shown[drawn[1] > 0], PALETTE[drawn[1]][drawn[1] > 0])
     assert (shown[drawn[1] == 0, 3] == 0).all()
+
+
+def test_paths_of_other_pose_sources_are_drawn(trajectory: Trajectory) -> None:
+    shifted = trajectory.poses.copy()
+    shifted[:, 0, 3] += 0.5
+    html = play(trajectory.with_poses("estimated", shifted), every=12).replays
+    page = page_html(html, player_html(html))
+    data = json.loads(re.findall(r'<script type="application/json">(.*?)</script>', page)[0])
+    (true,) = data["trajectories"][0]["others"]
+    path = data["trajectories"][0]["path"]
+    assert true["name"] == "true" and len(true["path"]) == len(path) == STEPS
+    assert float(path[0].split(",")[0]) - float(true["path"][0].split(",")[0]) == pytest.approx(0.5, abs=0.011)
+    assert page.count('class="other"') == 1 and "true path" in page
 
 
 def test_names_from_files_are_escaped(trajectory: Trajectory) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from autonerf_lab.data.fisheye import Fisheye
 from autonerf_lab.data.images import image_size, is_rotated
+from autonerf_lab.data.pose_sources import read_sources
 from autonerf_lab.data.posed_frames import PosedFrames, same_aspect
 from autonerf_lab.data.transforms import CAMERA_KEYS, announced_size, number, read_camera, read_transforms
 from autonerf_lab.errors import DataError
@@ -21,6 +22,7 @@ def read_transforms_json(path: Path) -> PosedFrames:
     data = read_transforms(path)
     content, frames = data.content, data.frames
     meta = {key: value for key, value in content.items() if key not in CAMERA_KEYS | {"frames", "autonerf_lab"}}
+    source, others, own_meta = read_sources(data.meta, len(frames), path)
     files = data.files("file_path")
     layers = {
         key: data.files(f"{key}_file_path")
@@ -42,13 +44,15 @@ def read_transforms_json(path: Path) -> PosedFrames:
         data.poses,
         files,
         cameras,
-        meta | data.meta,
+        meta | own_meta,
         "autonerf_lab" in content,
         layers.get("depth"),
         semantics=layers.get("semantics"),
         masks=masks,
         rotated=rotated,
         lenses=lenses if any(lenses) else None,
+        pose_source=source,
+        true_poses=others.get("true"),
     )
 
 

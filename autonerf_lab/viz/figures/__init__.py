@@ -1,5 +1,6 @@
 """Figures of evaluations, trajectories and trainings; each function returns a matplotlib Figure."""
 
+from autonerf_lab.viz.figures.drift import pose_drift, trajectory_drift
 from autonerf_lab.viz.figures.evaluation import (
     bird_view,
     confusion,
@@ -43,12 +44,14 @@ __all__ = [
     "navigation_paths",
     "plain_log",
     "planned_paths",
+    "pose_drift",
     "refinement_frames",
     "refinement_trace",
     "render_comparison",
     "rollouts",
     "running_mean",
     "shown_pose",
+    "trajectory_drift",
     "trajectory_frames",
     "trajectory_view",
 ]

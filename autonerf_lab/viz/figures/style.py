@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
 BLUE, ORANGE, GREEN, YELLOW, SKY = "#0072B2", "#D55E00", "#009E73", "#F0E442", "#56B4E9"
+SOURCE_COLORS = {"true": "#000000", "odometry": ORANGE, "estimated": BLUE, "refined": GREEN}  # paths of pose sources
 
 
 def plain_log(axis: "Axis") -> None:

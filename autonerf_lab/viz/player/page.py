@@ -15,6 +15,7 @@ from autonerf_lab.classes import CLASS_COLORS, CLASS_NAMES
 from autonerf_lab.data.images import data_url
 from autonerf_lab.exploration.replay import EXPLORED, FRONTIER, OCCUPIED, PALETTE, Replay, union_box
 from autonerf_lab.mapping.semantic_map import MAP_CELL
+from autonerf_lab.viz.figures.style import SOURCE_COLORS
 from autonerf_lab.viz.player.step_image import BODY, COLORS, REACH, area_ticks, half_fov_deg
 
 _MAX_SIDE = 256  # pixels of a view: the page stays below 8 MB
@@ -86,7 +87,11 @@ def _context(replay: Replay, box: np.ndarray, number: int) -> dict[str, Any]:
     data = {
         "views": [view["frames"] for view in views],
         "status": status,
-        "path": [f"{x:.2f},{-y:.2f}" for x, y in replay.planar[: steps[-1] + 1, :2]],
+        "path": _svg_points(replay.planar[: steps[-1] + 1, :2]),
+        "others": [
+            {"name": name, "color": SOURCE_COLORS[name], "path": _svg_points(poses[: steps[-1] + 1, :2, 3])}
+            for name, poses in trajectory.other_poses.items()
+        ],
         "poses": [[t, *_svg_pose(replay.planar[t])] for t in steps],
         "waypoints": [point and [round(point[0], 2), round(-point[1], 2)] for point in replay.waypoints],
     }
@@ -101,6 +106,10 @@ def _context(replay: Replay, box: np.ndarray, number: int) -> dict[str, Any]:
         "color": number % len(COLORS),
         "data": data,
     }
+
+
+def _svg_points(positions: np.ndarray) -> list[str]:
+    return [f"{x:.2f},{-y:.2f}" for x, y in positions]
 
 
 def _status(replay: Replay, k: int) -> str:
@@ -123,14 +132,16 @@ def _area_curve(replay: Replay, ticks: list[float], last: int) -> list[str]:
 
 
 def _legend(replays: Sequence[Replay]) -> list[tuple[str, str]]:
-    """Return names and colours of the map states and of the classes in the last maps."""
+    """Return names and colours of the map states, of the classes in the last maps, and of other pose sources."""
     entries = []
     maps = [replay.maps[-1] for replay in replays if replay.maps is not None]
     if maps:
         entries = [("explored", EXPLORED), ("frontier", FRONTIER), ("obstacle", OCCUPIED)]
         found = np.unique(np.concatenate([cells.reshape(-1) for cells in maps]))
         entries += [(CLASS_NAMES[k - OCCUPIED], int(k)) for k in found if k > OCCUPIED]
-    return [(name, "#{:02x}{:02x}{:02x}".format(*PALETTE[index, :3])) for name, index in entries]
+    shown = [(name, "#{:02x}{:02x}{:02x}".format(*PALETTE[index, :3])) for name, index in entries]
+    others = dict.fromkeys(name for replay in replays for name in replay.trajectory.other_poses)
+    return shown + [(f"{name} path", SOURCE_COLORS[name]) for name in others]
 
 
 def _encode_rgb(view: np.ndarray) -> str:
