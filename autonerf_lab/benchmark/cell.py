@@ -28,6 +28,7 @@ FIGURES = {
     "trajectory": ("explore", "from_above"),
     "rendering": ("evaluate", "comparison"),
     "maps": ("evaluate", "overlay"),
+    "drift": ("explore", "drift"),  # only with noise
 }
 FIGURE_WIDTH = 900  # pixels
 
@@ -98,7 +99,9 @@ def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str 
         storage.write_json(folder / "curves.json", curves)
         Scores(rows).save(exploration)
     for name, (stage, figure) in FIGURES.items():
-        _shrink(run / f"figures/{stage}_{figure}.png", results.path / "figures" / f"{cell.name}_{name}.webp")
+        source = run / f"figures/{stage}_{figure}.png"
+        if name != "drift" or source.exists():
+            _shrink(source, results.path / "figures" / f"{cell.name}_{name}.webp")
     stages = cast("dict[str, StageCost]", dict(run.stages))
     stages["exploration"] = StageCost(seconds=round(time.perf_counter() - started, 3), peak_gb=resources.peak_gb())
     scores = tuple(_labelled(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(exploration)])

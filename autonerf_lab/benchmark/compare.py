@@ -36,7 +36,7 @@ def compare(first: ResultsTable, second: ResultsTable) -> Table:
     if not lines:
         raise RunFolderError("the two folders have no scores of the same scene and start")
     header = ("", *(_title(row, other) for row, other in pairs))
-    title = "Second minus first, paired by scene and start; bold: the 95 % interval excludes zero"
+    title = "Differences, second minus first, paired by scene and start; bold: the 95 % interval excludes zero"
     return Table("compare", title, header, tuple(lines))
 
 

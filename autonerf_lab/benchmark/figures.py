@@ -1,6 +1,6 @@
 """Figures of a results table."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -64,4 +64,18 @@ def coverage_curves(found: ResultsTable) -> Figure:
     handles, labels = axes[0].get_legend_handles_labels()
     if handles:
         figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
+    return figure
+
+
+def cell_curves(curves: Mapping[str, Sequence[float]]) -> Figure:
+    """Plot the coverage of one cell over the episode, % of the visible total."""
+    figure = Figure(figsize=(6.5, 3.2), layout="constrained")
+    ax = figure.subplots()
+    for (key, title), color in zip(CURVES.items(), COLORS, strict=False):
+        if key in curves:
+            share = 100 * (np.arange(len(curves[key])) + 1) / len(curves[key])
+            ax.plot(share, curves[key], color=color, label=title)
+    ax.set(xlabel="% of the episode", ylabel="coverage, % of the visible total", xlim=(0, 100), ylim=(0, 100))
+    ax.grid(alpha=0.3)
+    ax.legend(frameon=False)
     return figure

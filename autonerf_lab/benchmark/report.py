@@ -1,54 +1,69 @@
-"""Self-contained HTML report of one or several results folders, without scripts and external files."""
+"""Report of one or several results folders: a folder of static pages that needs no server and no other file."""
 
 import io
+import re
 from collections.abc import Sequence
-from importlib.resources import files
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
 from autonerf_lab import __version__
+from autonerf_lab.benchmark.card import card
 from autonerf_lab.benchmark.cell import FIGURES
 from autonerf_lab.benchmark.export import headline
-from autonerf_lab.benchmark.figures import coverage_curves, scores_over_policies
-from autonerf_lab.benchmark.paper import PSNR
+from autonerf_lab.benchmark.figures import cell_curves, coverage_curves, scores_over_policies
+from autonerf_lab.benchmark.leaderboard import leaderboard, title
+from autonerf_lab.benchmark.paper import HEADLINES, PSNR
 from autonerf_lab.benchmark.paper_tables import all_tables
 from autonerf_lab.benchmark.results import Outcome, Results
-from autonerf_lab.benchmark.results_table import load_results_table
+from autonerf_lab.benchmark.results_table import ResultsTable, load_results_table
+from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.data.images import data_url
+from autonerf_lab.errors import RunFolderError
+from autonerf_lab.evaluators.metrics import METRICS, Metric
+from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
 
 SHOWN = 3  # number of best and of worst cells
+_CAPTIONS = {
+    "trajectory": "Trajectory in top view",
+    "rendering": "True and rendered views",
+    "maps": "True and predicted maps",
+    "drift": "Errors of the poses over the steps",
+}
 
 
-def write_report(folders: Sequence[Results], path: str | Path) -> Path:
+def write_report(folders: Sequence[Results], out: str | Path) -> Path:
     """Write the report.
 
     Args:
         folders: Results without common cells, shown in the same tables.
-        path: Output .html file.
+        out: Output folder: ``index.html`` (leaderboard, tables, figures), ``cells/`` (a page per cell) and ``cards/`` (a
+            card per policy and model).
 
     Returns:
-        Path of the report.
+        Path of ``index.html``.
 
     Raises:
         RunFolderError: The folders cannot share one table, see :func:`.load_results_table`.
         DataError: A file is damaged or cannot be written.
     """
-    storage.write_bytes(path, render(folders).encode())
-    return Path(path)
+    out, found = Path(out), load_results_table(*folders)
+    for outcome in found.outcomes:
+        storage.write_bytes(out / _page(outcome), _cell(outcome, folders).encode())
+    for row in found.rows:
+        storage.write_bytes(out / _card(title("", row)), card(found, row, folders).encode())
+    storage.write_bytes(out / "index.html", render(folders).encode())
+    return out / "index.html"
 
 
 def render(folders: Sequence[Results]) -> str:
-    """Return the report as HTML."""
-    import jinja2
-
+    """Return the first page as HTML."""
     found = load_results_table(*folders)
     ranked = _ranked(found.outcomes)
     best, worst = ranked[:SHOWN], ranked[SHOWN:][-SHOWN:]
-    source = (files("autonerf_lab.benchmark") / "report.html.jinja").read_text(encoding="utf-8")
-    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(source)
     grid = folders[0].grid
     facts = {
         "Policies": len({policy for policy, _ in found.rows}),
@@ -57,7 +72,7 @@ def render(folders: Sequence[Results]) -> str:
         "Models": ", ".join(dict.fromkeys(model for _, model in found.rows)),
         "Preset": grid.preset,
     }
-    return template.render(
+    return _template("report.html.jinja").render(
         facts=facts,
         headline=headline(found),
         unfinished=[(outcome.cell.name, outcome.status) for outcome in found.unfinished],
@@ -67,10 +82,70 @@ def render(folders: Sequence[Results]) -> str:
             (_png(coverage_curves(found)), "Coverage over the episode", "Lines are means over scenes, bands range from "
              "the worst to the best scene."),
         ],
+        leaderboard=_leaderboard(found),
+        cards=[(name, _card(name)) for name in (title("", row) for row in found.rows)],
         tables=[table.html() for table in all_tables(found)],
         extremes=[("Best", [_shown(o, folders) for o in best]), ("Worst", [_shown(o, folders) for o in worst])],
+        cells=_cells(found.outcomes),
         version=__version__,
     )  # fmt: skip
+
+
+def _leaderboard(found: ResultsTable) -> str:
+    try:
+        return leaderboard({"": found}).html()
+    except RunFolderError as error:  # an unfinished grid
+        return f"<p>{error}</p>"
+
+
+def _cell(outcome: Outcome, folders: Sequence[Results]) -> str:
+    """Return the page of a cell as HTML."""
+    cell = outcome.cell
+    facts = {"Status": outcome.status, "Policy": cell.policy, "Scene": cell.scene, "Start": cell.start,
+             "Model": cell.variant, "Preset": cell.preset, "Seconds": f"{outcome.seconds:.0f}"}  # fmt: skip
+    figures = [(_CAPTIONS[kind], data_url(path.read_bytes(), "webp")) for kind, path in _pictures(outcome, folders)]
+    if outcome.curves:
+        figures.append(("Coverage over the episode", _png(cell_curves(outcome.curves))))
+    rows = tuple(tuple(map(Entry, _score(row))) for row in outcome.scores)
+    scores = Table("all-scores", "All scores", ("", "Score", "Paper, best", "Samples"), rows)
+    return _template("cell.html.jinja").render(
+        name=cell.name, facts=facts, figures=figures, scores=scores.html(), version=__version__
+    )
+
+
+def _score(row: Score) -> tuple[str, str, str, str]:
+    metric = METRICS.get((row.task, row.metric)) or Metric(row.task, row.metric, row.unit, row.metric, 0, 2)
+    value = row.status if row.value is None else metric.format(row.value)
+    paper = metric.format(metric.paper[0]) if metric.paper else NO_VALUE
+    return f"{row.task.replace('_', ' ')}: {metric.heading}", value, paper, str(row.n)
+
+
+def _cells(outcomes: Sequence[Outcome]) -> str:
+    """Return the table of all cells as HTML, with links to their pages."""
+    rows = []
+    for outcome in outcomes:
+        values = {(row.task, row.metric): row.value for row in outcome.scores}
+        shown = [values.get(metric.key) for metric in HEADLINES]
+        texts = [NO_VALUE if v is None else m.format(v) for v, m in zip(shown, HEADLINES, strict=True)]
+        rows.append((Entry(outcome.cell.name, link=_page(outcome)), *map(Entry, texts)))
+    header = ("", *(metric.heading for metric in HEADLINES))
+    return Table("all-cells", "", header, tuple(rows)).html()
+
+
+def _page(outcome: Outcome) -> str:
+    return f"cells/{outcome.cell.name}.html"
+
+
+def _card(name: str) -> str:
+    return "cards/" + re.sub(r"[^\w.+-]+", "-", name) + ".md"
+
+
+@cache
+def _template(name: str) -> Any:
+    import jinja2
+
+    loader = jinja2.FileSystemLoader(Path(__file__).parent, encoding="utf-8")
+    return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, loader=loader).get_template(name)
 
 
 def _value(outcome: Outcome) -> float | None:
@@ -83,15 +158,20 @@ def _ranked(outcomes: Sequence[Outcome]) -> list[Outcome]:
     return [outcome for _, outcome in sorted(scored, key=lambda pair: (-pair[0], pair[1].cell.name))]
 
 
+def _pictures(outcome: Outcome, folders: Sequence[Results]) -> list[tuple[str, Path]]:
+    """Return the saved pictures of a cell with their kinds."""
+    paths = [(k, r.path / "figures" / f"{outcome.cell.name}_{k}.webp") for k in FIGURES for r in folders]
+    return [(kind, path) for kind, path in paths if path.exists()]
+
+
 def _shown(outcome: Outcome, folders: Sequence[Results]) -> dict[str, Any]:
-    cell = outcome.cell
-    paths = [results.path / "figures" / f"{cell.name}_{kind}.webp" for kind in FIGURES for results in folders]
     value = _value(outcome)
     assert value is not None
     return {
-        "name": cell.name.replace("_", ", "),
+        "name": outcome.cell.name.replace("_", ", "),
+        "link": _page(outcome),
         "score": f"{PSNR.format(value)} dB",
-        "figures": [data_url(path.read_bytes(), "webp") for path in paths if path.exists()],
+        "figures": [data_url(path.read_bytes(), "webp") for _, path in _pictures(outcome, folders)],
     }
 
 

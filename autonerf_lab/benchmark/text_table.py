@@ -17,6 +17,7 @@ class Entry:
 
     text: str
     bold: bool = False
+    link: str = ""  # of the HTML format
 
 
 @dataclass(frozen=True)
@@ -78,10 +79,7 @@ class Table:
     def html(self) -> str:
         """Format as HTML; all text is escaped."""
         head = "".join(f"<th>{html.escape(text)}</th>" for text in self.header)
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{_bold(html.escape(e.text), e.bold)}</td>" for e in row) + "</tr>\n"
-            for row in self.rows
-        )
+        rows = "".join("<tr>" + "".join(f"<td>{_html(e)}</td>" for e in row) + "</tr>\n" for row in self.rows)
         note = f"<p><small>{html.escape(self.note)}</small></p>" if self.note else ""
         return (
             f'<section id="{html.escape(self.name)}"><h3>{html.escape(self.title)}</h3>\n<div class="scroll"><table>\n'
@@ -89,8 +87,9 @@ class Table:
         )
 
 
-def _bold(text: str, bold: bool) -> str:
-    return f"<b>{text}</b>" if bold else text
+def _html(entry: Entry) -> str:
+    text = f"<b>{html.escape(entry.text)}</b>" if entry.bold else html.escape(entry.text)
+    return f'<a href="{html.escape(entry.link)}">{text}</a>' if entry.link else text
 
 
 def escaped(text: str) -> str:

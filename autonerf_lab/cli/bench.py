@@ -1,4 +1,4 @@
-"""``autonerf-lab bench``: run a grid, compare two results folders, write a report."""
+"""``autonerf-lab bench``: run a grid, compare results folders, write a report."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -140,29 +140,34 @@ class BenchRunCommand:
 
 @dataclass(frozen=True)
 class BenchCompareCommand:
-    """Compare two results folders: score differences, second minus first, paired by scene and start."""
+    """Compare results folders: a leaderboard, and the differences of each folder and the first."""
 
-    first: Annotated[Positional[Path], option(help="First results folder.")]
-    second: Annotated[Positional[Path], option(help="Second results folder.")]
+    folders: Annotated[Positional[tuple[Path, ...]], option(metavar="FOLDER ...", help="Two or more results folders.")]
 
     def run(self) -> None:
-        """Print a Markdown table."""
+        """Print Markdown tables."""
         from autonerf_lab.benchmark import load_results
         from autonerf_lab.benchmark.compare import compare
+        from autonerf_lab.benchmark.leaderboard import leaderboard
         from autonerf_lab.benchmark.results_table import load_results_table
 
-        first, second = (load_results_table(load_results(path)) for path in (self.first, self.second))
-        print(compare(first, second).markdown())
+        if len(self.folders) < 2:
+            raise DataError("nothing to compare: give at least two results folders")
+        first, *others = tables = [load_results_table(load_results(path)) for path in self.folders]
+        made = [compare(first, other) for other in others]
+        print(leaderboard({str(path): found for path, found in zip(self.folders, tables, strict=True)}).markdown())
+        for path, table in zip(self.folders[1:], made, strict=True):
+            print(f"\n{path} minus {self.folders[0]}\n\n{table.markdown()}")
 
 
 @dataclass(frozen=True)
 class BenchReportCommand:
-    """Write an HTML report of one or several results folders."""
+    """Write a report of one or several results folders: static pages with tables, pictures, a leaderboard and cards."""
 
     folders: Annotated[Positional[tuple[Path, ...]], option(metavar="FOLDER ...", help="One or more results folders.")]
-    out: Annotated[
-        Path | None, option(metavar="FILE", help="Output .html file.", default="report.html in the first folder")
-    ] = None
+    out: Annotated[Path | None, option(metavar="DIR", help="Output folder.", default="report in the first folder")] = (
+        None
+    )
 
     def run(self) -> None:
         """Write the report."""
@@ -171,7 +176,7 @@ class BenchReportCommand:
 
         if not self.folders:
             raise DataError("no results folder: give at least one")
-        print(write_report([load_results(path) for path in self.folders], self.out or self.folders[0] / "report.html"))
+        print(write_report([load_results(path) for path in self.folders], self.out or self.folders[0] / "report"))
 
 
 @dataclass(frozen=True)

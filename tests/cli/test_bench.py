@@ -114,19 +114,32 @@ def test_compare(results, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "| modular-obs, semantic-nerfacto |" in printed
     assert re.search(r"\| rendering: PSNR \\\[dB] \| \+0\.00 ± 0\.00 \|", printed)
+    assert "**Leaderboard**" in printed and "/other) |" in printed
     assert bench("compare", results.path, tmp_path / "nowhere") == 1
     assert "holds no results" in capsys.readouterr().err
+    assert bench("compare", results.path) == 1
+    assert "give at least two results folders" in capsys.readouterr().err
 
 
 def test_report_is_self_contained(results, capsys):
     assert bench("report", results.path) == 0
-    path = results.path / "report.html"
+    path = results.path / "report/index.html"
     assert capsys.readouterr().out.strip() == str(path)
     page = path.read_text()
-    for part in ("figures", "tables", "cells", "rendering", "correlations", "noise"):
+    for part in ("leaderboard", "figures", "tables", "cells", "rendering", "correlations", "noise"):
         assert f'id="{part}"' in page
-    assert page.count("data:image/png") == 2 and "<script" not in page
-    assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
+    assert page.count("data:image/png") == 2
+    links = re.findall(r'(?:src|href)="(?!data:|#)([^"]*)', page)
+    assert {link.partition("/")[0] for link in links} == {"cells", "cards"}
+    assert all((path.parent / link).is_file() for link in links)
+    assert len(list(path.parent.glob("cells/*.html"))) == 12 and len(list(path.parent.glob("cards/*.md"))) == 3
+    cell = next(path.parent.glob("cells/*modular-obs*.html")).read_text()
+    assert re.findall(r'(?:src|href)="(?!data:|#)([^"]*)', cell) == ["../index.html"]
+    assert "<td>rendering: PSNR [dB]</td>" in cell and "data:image/png" in cell
+    card = next(path.parent.glob("cards/modular-obs*.md")).read_text()
+    assert "- training: command: autonerf-lab train-policy --policy modular-obs" in card
+    (line,) = (line for line in card.splitlines() if "PSNR" in line)
+    assert re.fullmatch(r"\| rendering: PSNR \\\[dB] \| [\d.]+ ± [\d.]+ \| [*]*\+[\d.]+ ± [\d.]+[*]* \| 25.56 \|", line)
     assert "12 of 12 cells" in page and "Worst" in page
 
 

@@ -1,0 +1,82 @@
+"""Card of a row of a results table: what was run, by which weights and settings, and its scores, to be handed in."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from autonerf_lab import __version__
+from autonerf_lab.benchmark import paper
+from autonerf_lab.benchmark.grid import is_path, label
+from autonerf_lab.benchmark.paper_tables import REFERENCES, difference_entry, spread
+from autonerf_lab.benchmark.results import Results
+from autonerf_lab.benchmark.results_table import ResultsTable, Row
+from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
+from autonerf_lab.errors import DataError
+
+_TRAINING = ("command", "frames", "hours", "seed", "network")  # of the file beside the weights
+
+
+def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
+    """Return the card of a policy and model as Markdown.
+
+    It states the conditions (scenes, starts, preset, version, digest of the weights), the training of a learned policy,
+    the headline scores with intervals, and the paired differences to a reference policy.
+
+    Args:
+        found: table of ``folders``.
+        row: policy and model.
+        folders: results.
+    """
+    results = next(r for r in folders if any((label(c.policy), c.variant) == row for c in r.grid.cells()))
+    policy = next(c.policy for c in results.grid.cells() if label(c.policy) == row[0])
+    fingerprint, episodes = results.fingerprint, found.episodes[row]
+    facts: dict[str, Any] = {
+        "policy": row[0],
+        "model": row[1],
+        "preset": found.preset,
+        "scenes": ", ".join(dict.fromkeys(scene for scene, _ in episodes)),
+        "starts": len({start for _, start in episodes}),
+        "cells with scores": f"{len(found.values[row])} of {len(episodes)}",
+        "table made by": f"autonerf-lab {__version__}",
+        "SHA-256 of the weights": (fingerprint.get("weights") or {}).get(row[0], NO_VALUE),
+        **_training(policy),
+    }
+    lines = [f"- {name}: {value}" for name, value in facts.items()]
+    reference = next(
+        (other for name in REFERENCES if (other := (name, row[1])) in found.episodes and other != row), None
+    )
+    header = ("", "score", f"minus {reference[0]}" if reference else "difference", "paper")
+    rows = []
+    for metric in paper.HEADLINES:
+        mean = found.interval(row, metric.key)
+        apart = found.difference(row, reference, metric.key) if reference else None
+        published = paper.BY_POLICY.get(row[0], {}).get(metric.key)
+        rows.append(
+            (
+                Entry(f"{metric.task.replace('_', ' ')}: {metric.heading}"),
+                Entry(NO_VALUE if mean is None else spread(mean, metric)),
+                difference_entry(apart, metric),
+                Entry(NO_VALUE if published is None else metric.format(published)),
+            )
+        )
+    title = "Means over scenes with 95 % intervals; differences are paired by scene and start, bold: zero is excluded"
+    return "\n".join(
+        [
+            f"# {row[0]}, {row[1]}", "", *lines, "", Table("card", title, header, tuple(rows)).markdown(), "",
+            "To hand it in, send this file with the results folder (`grid.json`, `cells/`, `scores.csv`), from which "
+            "`autonerf-lab bench report` makes the same tables.", "",
+        ]
+    )  # fmt: skip
+
+
+def _training(policy: str) -> dict[str, Any]:
+    """Return how a learned policy was trained, from the file beside its weights; nothing for any other."""
+    from autonerf_lab.policies import weights_path
+    from autonerf_lab.policies.weights import read_meta
+
+    if ":" in policy or (is_path(policy) and not policy.endswith(".safetensors")):
+        return {}
+    try:
+        meta = read_meta(weights_path(policy)) if weights_path(policy).exists() else {}
+    except DataError:  # results from elsewhere, without the weights
+        return {}
+    return {f"training: {key}": meta[key] for key in _TRAINING if key in meta}
