@@ -40,7 +40,7 @@ def write_report(folders: Sequence[Results], out: str | Path) -> Path:
 
     Args:
         folders: Results without common cells, shown in the same tables.
-        out: Output folder: ``index.html`` (leaderboard, tables, figures), ``cells/`` (a page per cell) and ``cards/`` (a
+        out: Output folder: ``index.html`` (leaderboard, tables, figures), ``cells/`` (a page per cell), ``cards/`` (a
             card per policy and model).
 
     Returns:
