@@ -9,12 +9,14 @@ import os
 import lazy_loader
 
 import autonerf_lab.envs  # noqa: F401 - registers the environments
+from autonerf_lab.utils.numba_cache import set_numba_cache
 
 # open3d and embreex bring a TBB that is too old for numba, which would find it first and warn.
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
 # Waiting threads sleep instead of spinning: a spinning thread takes the core of the thread it waits for. Two trainings
 # at once on two cores are over twice as fast, one alone is as fast. Torch's OpenMP reads the variable when it loads.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+set_numba_cache()
 
 __version__ = "0.2.0.dev0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
