@@ -28,7 +28,8 @@ def marked(right: float, up: float, depth: float, pose: np.ndarray, origin: np.n
         return []
     x, y, z = pose[:3, 3] + depth * (pose[:3, :3] @ np.array([right, up, -1.0]))
     obstacle = 0.25 <= z <= pose[2, 3] + 0.01  # the height band of obstacles
-    return [*world_to_cell(x, y, origin, cell), int(obstacle)]
+    column, row = np.floor((np.array([x, y]) - origin) / cell)
+    return [int(row), int(column), int(obstacle)]
 
 
 def eikonal_update(a: float, b: float) -> float:
