@@ -4,6 +4,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def export_nbgrader(out: Path, exercises: dict[str, Exercise], numbers: Iterable
 def _generate(out: Path, assignment: str) -> None:
     command = [sys.executable, "-m", "nbgrader", "generate_assignment", assignment, "--force", "--create"]
     # nbgrader runs `alembic`, which is beside Python but not on the path if the environment is not activated
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    path = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", "")])
     result = subprocess.run(
         command, cwd=out, env=os.environ | {"PATH": path}, capture_output=True, text=True, check=False
     )

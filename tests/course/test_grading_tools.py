@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from autonerf_lab.course.assignments import points_of
 
 NUMBERS = os.environ.get("AUTONERF_LAB_GRADED_NOTEBOOKS", "00,04")  # "all" takes five minutes
 SELECTED = None if NUMBERS == "all" else NUMBERS
-PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # nbgrader runs alembic
+PATH = os.pathsep.join([sysconfig.get_path("scripts"), os.environ["PATH"]])  # nbgrader runs alembic
 
 
 def run(*command, cwd=None):

@@ -5,6 +5,8 @@ import os
 import socket
 import subprocess
 import sys
+import time
+import urllib.error
 import urllib.request
 from pathlib import Path
 
@@ -71,6 +73,16 @@ def test_copy_only(tmp_path, capsys, monkeypatch):
         assert capsys.readouterr().out == f"{tmp_path / 'course'}: {count}\n"
 
 
+def contents(address):
+    for _ in range(100):
+        try:
+            with urllib.request.urlopen(address, timeout=20) as reply:
+                return json.load(reply)["content"]
+        except urllib.error.URLError:  # announced, but not yet listening
+            time.sleep(0.1)
+    raise AssertionError(f"{address} does not answer")
+
+
 def test_jupyterlab_serves_the_copies(tmp_path):
     code = "import sys; from autonerf_lab.cli import main; sys.exit(main(sys.argv[1:]))"
     command = [sys.executable, "-c", code, "course", "start", str(tmp_path / "course"), "--no-browser"]
@@ -83,10 +95,8 @@ def test_jupyterlab_serves_the_copies(tmp_path):
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=environment
     ) as server:
         try:
-            address = next(line for line in server.stderr if "http://127.0.0.1" in line).split()[-1]
-            root = address.partition("/lab")[0]
-            with urllib.request.urlopen(f"{root}/api/contents?token=token", timeout=20) as reply:
-                names = {entry["name"] for entry in json.load(reply)["content"]}
+            assert any("is running at" in line for line in server.stderr)
+            names = {entry["name"] for entry in contents(f"http://127.0.0.1:{port}/api/contents?token=token")}
         finally:
             server.terminate()
     assert "00_tour.ipynb" in names
