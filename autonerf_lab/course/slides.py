@@ -53,7 +53,7 @@ def slide_types(cells: list[Any]) -> list[str]:
 class CourseHtml(HTMLExporter):
     """Web page of a notebook with the alternative texts of its figures."""
 
-    export_from_notebook = None
+    export_from_notebook = "Web page with alternative texts"
 
     @default("raw_template")
     def _with_alternative_texts(self) -> str:
@@ -66,7 +66,7 @@ class CourseSlides(SlidesExporter):
     Slides taller than the screen scroll.
     """
 
-    export_from_notebook = None
+    export_from_notebook = "Slides with alternative texts"
     reveal_scroll = Bool(True, help="Scroll slides that are taller than the screen.").tag(config=True)
 
     @default("raw_template")

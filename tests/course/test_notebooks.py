@@ -84,7 +84,13 @@ def contents(address):
 
 
 def test_jupyterlab_serves_the_copies(tmp_path):
-    code = "import sys; from autonerf_lab.cli import main; sys.exit(main(sys.argv[1:]))"
+    code = """
+import sys
+from autonerf_lab.cli import main
+from autonerf_lab.course import notebooks
+notebooks.PACKAGES = {}  # this test is not about them, and open3d takes seconds
+sys.exit(main(sys.argv[1:]))
+"""
     command = [sys.executable, "-c", code, "course", "start", str(tmp_path / "course"), "--no-browser"]
     (tmp_path / "jupyter_server_config.py").write_text("c.ServerApp.allow_root = True")  # tests may run as root
     with socket.socket() as free:
