@@ -1,9 +1,8 @@
 """Assignments: student versions lose the solutions and nothing else, instructor versions get every point."""
 
 import ast
-import contextlib
-import io
 import re
+import runpy
 
 import nbformat
 import pytest
@@ -60,16 +59,14 @@ def test_grading_runs_only_imports_answers_and_tests(parts):
     assert all(isinstance(node, ast.Import | ast.ImportFrom) for node in ast.parse(imports).body)
 
 
-def test_solutions_in_the_notation_of_the_notebook_are_right(parts):
-    names: dict[str, object] = {}
-    for part in parts:
-        if part.role == IMPORTS:
-            exec(part.cell.source, names)
-        if part.role == ANSWER:
-            with contextlib.redirect_stdout(io.StringIO()):
-                exec(part.cell.source, names)
-            assert course.check(part.exercise.name, names[part.answer]).status == RIGHT
-            assert course.grade(part.exercise.name, names[part.answer]) == points_of(part.exercise)
+def test_solutions_in_the_notation_of_the_notebook_are_right(parts, tmp_path):
+    answers = [part for part in parts if part.role == ANSWER]
+    program = [part.cell.source for part in parts if part.role in (IMPORTS, ANSWER)]
+    (tmp_path / "program.py").write_text("\n\n".join(program), encoding="utf-8")
+    names = runpy.run_path(str(tmp_path / "program.py"))
+    for part in answers:
+        assert course.check(part.exercise.name, names[part.answer]).status == RIGHT
+        assert course.grade(part.exercise.name, names[part.answer]) == points_of(part.exercise)
 
 
 def test_points_of_an_answer(capsys):
