@@ -7,6 +7,7 @@ that folder after a change of the package.
 
 import importlib
 import inspect
+import json
 import os
 import pkgutil
 import re
@@ -22,6 +23,7 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 import autonerf_lab
+from autonerf_lab import course
 
 ROOT = Path(__file__).resolve().parents[1]
 # Pages whose text is a file elsewhere in the repository.
@@ -121,6 +123,26 @@ def copy_notebooks() -> None:
         shutil.copy2(path, folder / name)
 
 
+def exercise_page() -> str:
+    """Return the objectives, minutes, exercises, points and hints of all notebooks, read from them and the checker."""
+    lines = []
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        text = json.loads(path.read_text(encoding="utf-8"))["cells"][0]["source"]
+        title, *rest = "".join(text).splitlines()
+        facts = " ".join(rest).partition("**You will learn**")[2].partition("**Run it**")[0]
+        goals, _, needs = facts.partition("**You need**")
+        needs, _, minutes = needs.partition("**Minutes**:")
+        exercises = [one for name, one in course.EXERCISES.items() if name[:2] == path.name[:2]]
+        points = sum(len(one.cases) for one in exercises)
+        lines += [f"## {path.name[:2]} {title.removeprefix('# ')}", "", f"* **Objectives**: {goals.strip()}"]
+        lines += [f"* **Prerequisites**: {needs.strip()}", f"* **Minutes**: {minutes.partition('.')[0].strip()}"]
+        lines += [f"* **Points**: {points}", ""]
+        for one in exercises:
+            lines += [f"**`{one.name}`**, {len(one.cases)} points. {one.question}", ""]
+            lines += [*(f"* {mistake.hint}" for mistake in one.mistakes), ""]
+    return "\n".join(lines)
+
+
 def read_page(app: Sphinx, docname: str, source: list[str]) -> None:
     """Replace a page of ``PAGES`` by its file, under its own title if the file has none, and adapt the links."""
     page = Path(app.env.doc2path(docname))
@@ -130,6 +152,8 @@ def read_page(app: Sphinx, docname: str, source: list[str]) -> None:
         text = path.read_text() if docname in PAGES else source[0]
         if not text.startswith("# "):
             text = source[0].splitlines()[0] + "\n\n" + text
+        if docname == "exercises":
+            text += "\n" + exercise_page()
         source[0] = re.sub(r"\]\(([^)\s]+)\)", lambda m: f"]({_target(m[1], path.parent, page.parent)})", text)
 
 

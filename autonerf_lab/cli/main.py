@@ -16,6 +16,7 @@ from tyro.conf import subcommand
 
 from autonerf_lab import __version__
 from autonerf_lab.cli.bench import BenchCommand
+from autonerf_lab.cli.course import CourseCommand
 from autonerf_lab.cli.demo import DemoCommand
 from autonerf_lab.cli.episodes import EpisodesCommand
 from autonerf_lab.cli.evaluate import EvaluateCommand
@@ -59,6 +60,7 @@ class CommandLine:
         | Annotated[ViewCommand, subcommand("view")]
         | Annotated[TrainPolicyCommand, subcommand("train-policy")]
         | Annotated[BenchCommand, subcommand("bench")]
+        | Annotated[CourseCommand, subcommand("course")]
         | Annotated[RewardsCommand, subcommand("rewards")]
         | Annotated[LpipsWeightsCommand, subcommand("lpips-weights")]
     )

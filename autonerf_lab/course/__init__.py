@@ -8,6 +8,11 @@ Each module of ``exercises`` belongs to one notebook. In a notebook::
     course.solution("01-heading")  # hidden until it is clicked
 """
 
+import contextlib
+import io
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from autonerf_lab.course.checker import Exercise, Solution, Verdict
@@ -27,6 +32,8 @@ from autonerf_lab.course.exercises import (
     tour,
     volume_rendering,
 )
+from autonerf_lab.course.nbgrader import export_nbgrader
+from autonerf_lab.course.otter import export_otter
 from autonerf_lab.errors import UnknownNameError
 
 _NOTEBOOKS = (
@@ -57,6 +64,60 @@ def check(name: str, answer: Any) -> Verdict:
     return _find(name).check(answer)
 
 
+def grade(name: str, answer: Any, case: int | None = None) -> int:
+    """Return the points of an answer, one per passed case; print the verdict if the answer is not right.
+
+    The exported assignments call this in their hidden tests. What the answer prints or warns is discarded, because
+    nbgrader gives no points to a test that writes to stderr.
+
+    Args:
+        name: of the exercise.
+        answer: function, class or value that the exercise asks for.
+        case: number of a single case, from 0; None: all cases.
+
+    Raises:
+        UnknownNameError: there is no exercise of this name; the message lists all names.
+
+    Example:
+        >>> import math
+        >>> grade("00-opacity", lambda sigma, delta: math.exp(-sigma * delta))
+        00-opacity: not yet. For half a metre of air (density 0): expected 0, got 1.
+        Hint: This is the fraction that passes. Opacity is 1 minus this fraction.
+        1
+    """
+    exercise = _find(name)
+    unshown = io.StringIO()
+    with warnings.catch_warnings(), contextlib.redirect_stdout(unshown), contextlib.redirect_stderr(unshown):
+        warnings.simplefilter("ignore")
+        passed, verdict = exercise.passed(answer), exercise.check(answer)
+    if case is not None:
+        return int(passed[case])
+    if not verdict:
+        print(verdict)
+    return sum(passed)
+
+
+def export(tool: str, out: str | Path, numbers: Iterable[str] | None = None) -> list[Path]:
+    """Export the notebooks as assignments for a grading tool, and return the student versions.
+
+    Instructor versions, with solutions, points and hidden tests, are written to ``source`` in the same folder.
+
+    Args:
+        tool: ``nbgrader`` or ``otter``; the extra of that name must be installed.
+        out: output folder.
+        numbers: notebooks, such as ``("00", "06")``; None: all.
+
+    Raises:
+        UnknownNameError: there is no such tool or notebook.
+        MissingPackageError: the tool is not installed.
+        DataError: the tool failed; the message says why.
+    """
+    tools = {"nbgrader": export_nbgrader, "otter": export_otter}
+    if tool not in tools:
+        raise UnknownNameError("grading tool", tool, tools)
+    return tools[tool](Path(out), EXERCISES, numbers)
+
+
 def solution(name: str) -> Solution:
     """Return the solution of an exercise; notebooks show it after a click.
 
@@ -72,4 +133,4 @@ def _find(name: str) -> Exercise:
     return EXERCISES[name]
 
 
-__all__ = ["EXERCISES", "Exercise", "check", "solution"]
+__all__ = ["EXERCISES", "Exercise", "check", "export", "grade", "solution"]

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from autonerf_lab.course.answers import Raised, difference, holds_floats, is_unfinished, same, to_array
+
 RIGHT, WRONG, NOT_ATTEMPTED = "right", "not yet", "not attempted"
 _COLORS = {RIGHT: "#0072B2", WRONG: "#D55E00", NOT_ATTEMPTED: "#808080"}
 
@@ -34,16 +36,6 @@ class Mistake:
 
     hint: str
     answer: Any
-
-
-@dataclass(frozen=True)
-class Raised:
-    """Result of an answer that raised an exception."""
-
-    error: Exception
-
-    def __repr__(self) -> str:
-        return f"{type(self.error).__name__}: {self.error}"
 
 
 @dataclass(frozen=True)
@@ -112,7 +104,7 @@ class Exercise:
     solution: Callable[..., Any]
     mistakes: tuple[Mistake, ...]
     evaluate: Callable[[Any, tuple[Any, ...]], Any] = call  # (answer, arguments of a case) -> result
-    tolerance: float = 1e-6  # absolute
+    integers: bool = False  # results are indices, which must not be floats
 
     def check(self, answer: Any) -> Verdict:
         """Check an answer, a function or a value, and return the verdict. Exceptions of the answer are caught."""
@@ -120,19 +112,32 @@ class Exercise:
             return Verdict(self.name, NOT_ATTEMPTED, self.question)
         if not callable(answer) and self.cases[0].args:
             return Verdict(self.name, WRONG, "Pass the function itself, without calling it.")
-        outcomes = self._outcomes(answer)
-        if all(outcome is None or outcome is ... for outcome in outcomes):
+        outcomes = self.outcomes(answer)
+        if all(outcome is ... or (outcome is None and is_unfinished(answer)) for outcome in outcomes):
             return Verdict(self.name, NOT_ATTEMPTED, self.question)
-        for case, outcome in zip(self.cases, outcomes, strict=True):
-            if not self._same(outcome, case.expected):
-                return Verdict(self.name, WRONG, _difference(case, outcome) + self._hint(outcomes))
+        for case, outcome, passed in zip(self.cases, outcomes, self._passed(outcomes), strict=True):
+            if not passed:
+                return Verdict(self.name, WRONG, self._failure(case, outcome) + self._hint(outcomes))
         return Verdict(self.name, RIGHT)
+
+    def passed(self, answer: Any) -> list[bool]:
+        """Return for each case whether an answer passes it."""
+        callable_if_needed = callable(answer) or not self.cases[0].args
+        outcomes = self.outcomes(answer) if callable_if_needed else [None] * len(self.cases)
+        return self._passed(outcomes)
+
+    def _passed(self, outcomes: list[Any]) -> list[bool]:
+        return [
+            same(outcome, case.expected) and not (self.integers and holds_floats(outcome))
+            for case, outcome in zip(self.cases, outcomes, strict=True)
+        ]
 
     def hidden_solution(self) -> Solution:
         """Return the source code of the solution."""
         return Solution(self.name, textwrap.dedent(inspect.getsource(self.solution)))
 
-    def _outcomes(self, answer: Any) -> list[Any]:
+    def outcomes(self, answer: Any) -> list[Any]:
+        """Return the result of an answer in each case, or the exception as :class:`Raised`."""
         outcomes = []
         for case in self.cases:
             try:
@@ -142,34 +147,17 @@ class Exercise:
                 outcomes.append(Raised(error))
         return outcomes
 
+    def _failure(self, case: Case, outcome: Any) -> str:
+        prefix = f"For {case.description}: " if case.args else ""
+        if self.integers and holds_floats(outcome) and same(outcome, case.expected):
+            return f"{prefix}the values are right, but they are floats. Indices must be integers: use int()."
+        return prefix + difference(outcome, case.expected)
+
     def _hint(self, outcomes: list[Any]) -> str:
         for mistake in self.mistakes:
-            if all(map(self._same, outcomes, self._outcomes(mistake.answer))):
+            if all(map(same, outcomes, self.outcomes(mistake.answer))):
                 return f"\nHint: {mistake.hint}"
+        turned = [None if isinstance(outcome, Raised) else to_array(outcome) for outcome in outcomes]
+        if all(a is not None and a.ndim > 1 and same(a.T, c.expected) for a, c in zip(turned, self.cases, strict=True)):
+            return "\nHint: The axes are in reverse order: transpose the result."
         return ""
-
-    def _same(self, a: Any, b: Any) -> bool:
-        if isinstance(a, Raised) or isinstance(b, Raised):
-            return isinstance(a, Raised) and isinstance(b, Raised) and type(a.error) is type(b.error)
-        try:
-            x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
-        except (TypeError, ValueError):
-            return False
-        return x.shape == y.shape and bool(np.allclose(x, y, rtol=0, atol=self.tolerance, equal_nan=True))
-
-
-def _difference(case: Case, outcome: Any) -> str:
-    prefix = f"For {case.description}: " if case.args else ""
-    if isinstance(outcome, Raised):
-        return f"{prefix}expected {_short(case.expected)}, but the answer raised {outcome!r}."
-    shapes = [np.shape(value) if isinstance(value, np.ndarray) else None for value in (outcome, case.expected)]
-    if None not in shapes and shapes[0] != shapes[1]:
-        return f"{prefix}expected an array of shape {shapes[1]}, got shape {shapes[0]}."
-    return f"{prefix}expected {_short(case.expected)}, got {_short(outcome)}."
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, np.ndarray | np.generic):
-        return np.array2string(np.asarray(value), precision=4, suppress_small=True, threshold=20)
-    text = f"{value:.6g}" if isinstance(value, float) else repr(value)
-    return text if len(text) <= 200 else text[:200] + " ..."

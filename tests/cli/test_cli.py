@@ -26,6 +26,7 @@ COMMANDS = (
     "train-policy",
     "rewards",
     "bench",
+    "course",
 )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import nbformat
 import numpy as np
 import pytest
+import torch
 
 from autonerf_lab import course
 from autonerf_lab.course.checker import NOT_ATTEMPTED, RIGHT, WRONG, Case, Exercise, Mistake, Verdict
@@ -95,3 +96,59 @@ def test_an_answer_may_be_a_value():
     area = Exercise("area", "Cells in a square metre.", (Case("", (), 400),), lambda: 400, ())
     assert area.check(400) and area.check(...).status == NOT_ATTEMPTED
     assert area.check(20).text == "expected 400, got 20."
+
+
+def test_a_missing_return_and_an_empty_body_are_distinguished():
+    def empty(x):
+        """Docstring."""
+        ...
+
+    def passes(x):
+        pass
+
+    def forgets(x):
+        x * 2
+
+    assert DOUBLE.check(empty).status == DOUBLE.check(passes).status == NOT_ATTEMPTED
+    assert DOUBLE.check(forgets).text == "For three: expected 6, but the answer returned None. Is a `return` missing?"
+    in_one_branch = DOUBLE.check(lambda x: 6 if isinstance(x, int) else None)
+    assert in_one_branch.text.startswith("For an array: expected [2 4], but the answer returned None")
+
+
+def test_the_line_of_an_exception_is_shown():
+    def helper(x):
+        return x.nothing
+
+    def answer(x):
+        return helper(x) + 1
+
+    verdict = DOUBLE.check(answer)
+    assert verdict.text.endswith("in line " + f"{helper.__code__.co_firstlineno + 1}: return x.nothing")
+    assert "\nin " not in DOUBLE.check(lambda: 3).text  # the call itself fails, no line does
+
+
+def test_the_difference_is_printed_when_both_print_alike():
+    one = Exercise("one", "", (Case("", (), np.array([0.5, 0.00001])),), lambda: 0, ())
+    assert one.check(np.array([0.5, 0.00004])).text == (
+        "expected [0.5 0. ], got [0.5 0. ]. The largest difference is 3e-05."
+    )
+    assert one.check(np.array([0.5, 0.00001 + 4e-6])), "within the tolerance"
+    assert one.check(np.array([0.5, 0.2])).text == "expected [0.5 0. ], got [0.5 0.2]."
+
+
+def test_floats_are_no_indices():
+    cells = Exercise(
+        "cells", "", (Case("a point", (1,), [4, 2]), Case("none", (2,), [])), lambda x: 0, (), integers=True
+    )
+    assert cells.check(lambda x: [4, 2] if x == 1 else [])
+    assert cells.check(lambda x: torch.tensor([4, 2]) if x == 1 else ())
+    assert "they are floats" in cells.check(lambda x: [4.0, 2] if x == 1 else []).text
+    assert cells.check(lambda x: [4, 3] if x == 1 else []).text == "For a point: expected [4, 2], got [4, 3]."
+    assert cells.passed(lambda x: [4.0, 2.0] if x == 1 else []) == [False, True]
+    assert cells.passed(3) == [False, False]
+
+
+def test_reversed_axes_are_named():
+    table = Exercise("table", "", (Case("it", (1,), np.arange(6).reshape(2, 3)),), lambda x: 0, ())
+    assert table.check(lambda x: np.arange(6).reshape(2, 3).T).text.endswith("transpose the result.")
+    assert "transpose" not in table.check(lambda x: np.arange(6).reshape(3, 2)).text

@@ -212,14 +212,15 @@ def source(tmp_path):
     return folder
 
 
-def test_wheel_holds_the_package_and_the_frozen_scenes(tmp_path, source):
+def test_wheel_holds_the_package_the_frozen_scenes_and_the_notebooks(tmp_path, source):
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", tmp_path]
     subprocess.run([*command, source], check=True, capture_output=True)
     names = set(zipfile.ZipFile(next(tmp_path.glob("*.whl"))).namelist())
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "autonerf_lab").rglob("*.py")}
     frozen = ROOT / "data/procedural_scenes"
     scenes = {f"autonerf_lab/procedural_scenes/{p.relative_to(frozen)}" for p in frozen.rglob("*") if p.is_file()}
-    assert modules | scenes | {"autonerf_lab/pipeline/report.html.jinja", "autonerf_lab/py.typed"} <= names
+    notebooks = {f"autonerf_lab/notebooks/{path.name}" for path in (ROOT / "notebooks").glob("*.ipynb")}
+    assert modules | scenes | notebooks | {"autonerf_lab/pipeline/report.html.jinja", "autonerf_lab/py.typed"} <= names
     assert all(name.startswith(("autonerf_lab/", "autonerf_lab-", "autonerf_lab.")) for name in names)
 
 

@@ -32,7 +32,8 @@ def block() -> None:
         return method
 
     for name in ("connect", "connect_ex", "sendto", "sendmsg"):
-        setattr(socket.socket, name, guarded(name))
+        if hasattr(socket.socket, name):  # Windows has no sendmsg
+            setattr(socket.socket, name, guarded(name))
 
 
 def _loopback(address: Any) -> bool:

@@ -4,6 +4,7 @@ Students read the solutions. They compute in a few lines what ``policies.frontie
 """
 
 import numpy as np
+from scipy import special
 
 from autonerf_lab.course.checker import Case, Exercise, Mistake
 
@@ -150,10 +151,28 @@ PROBABILITIES = Exercise(
             (np.array([1000.0, 1000.0 + np.log(3)]), _ALL[:2]),
             np.array([0.25, 0.75]),
         ),
+        Case(
+            "2 x 2 blocks with scores of 0, ln 2; ln 3, 2000, the last not reachable",
+            (np.array([[0.0, np.log(2)], [np.log(3), 2000.0]]), np.array([[True, True], [True, False]])),
+            np.array([[1 / 6, 1 / 3], [1 / 2, 0.0]]),
+        ),
     ),
     probabilities,
     (
         Mistake("Unreachable blocks must have probability 0: use `reachable`.", lambda s, t: _softmax(s)),
+        Mistake(
+            "The blocks of a map have two axes. Normalise over all of them, not along one axis.",
+            lambda s, t: special.softmax(np.where(t, s, -np.inf), axis=-1),
+        ),
+        Mistake(
+            "This normalises each column. Normalise over all blocks, not along one axis.",
+            lambda s, t: special.softmax(np.where(t, s, -np.inf), axis=0),
+        ),
+        Mistake(
+            "An unreachable block may have the highest score; then all others underflow to 0. Subtract the highest "
+            "reachable score.",
+            lambda s, t: np.exp(s - s.max()) * t / np.sum(np.exp(s - s.max()) * t),
+        ),
         Mistake(
             "A score of 0 is not a probability of 0, because exp(0) is 1. Set the weights to 0 after exp.",
             lambda s, t: _softmax(s * t),
@@ -164,6 +183,10 @@ PROBABILITIES = Exercise(
         ),
         Mistake(
             "exp(1000) overflows. Subtract the highest score first; this changes no probability.",
+            lambda s, t: np.where(t, np.exp(s), 0) / np.sum(np.exp(s[t])),
+        ),
+        Mistake(
+            "exp(1000) overflows, and infinity * 0 is NaN. Subtract the highest reachable score first.",
             lambda s, t: np.exp(s) * t / np.sum(np.exp(s) * t),
         ),
         Mistake(

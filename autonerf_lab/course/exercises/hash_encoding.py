@@ -95,6 +95,7 @@ ROW = Exercise(
             lambda i, j, k, n: _hash(i, j, k, lambda a, b: a ^ b, (1, 805459861, 2654435761)) % 2**n,
         ),
     ),
+    integers=True,
 )
 
 CORNER_WEIGHTS = Exercise(

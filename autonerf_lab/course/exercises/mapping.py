@@ -28,7 +28,8 @@ def marked(right: float, up: float, depth: float, pose: np.ndarray, origin: np.n
         return []
     x, y, z = pose[:3, 3] + depth * (pose[:3, :3] @ np.array([right, up, -1.0]))
     obstacle = 0.25 <= z <= pose[2, 3] + 0.01  # the height band of obstacles
-    return [*world_to_cell(x, y, origin, cell), int(obstacle)]
+    column, row = np.floor((np.array([x, y]) - origin) / cell)
+    return [int(row), int(column), int(obstacle)]
 
 
 def eikonal_update(a: float, b: float) -> float:
@@ -93,6 +94,7 @@ WORLD_TO_CELL = Exercise(
             lambda x, y, origin, cell: [int(np.floor((y - origin[1]) * cell)), int(np.floor((x - origin[0]) * cell))],
         ),
     ),
+    integers=True,
 )
 
 MARKED = Exercise(
@@ -136,6 +138,7 @@ MARKED = Exercise(
             lambda *args: [*marked(*args)[1::-1], *marked(*args)[2:]],
         ),
     ),
+    integers=True,
 )
 
 EIKONAL_UPDATE = Exercise(
@@ -147,6 +150,7 @@ EIKONAL_UPDATE = Exercise(
         Case("a = 2, b = 2.6", (2.0, 2.6), 2.9403124),
         Case("a = 3, b = 1, more than one cell apart", (3.0, 1.0), 2.0),
         Case("a = inf, b = 5", (np.inf, 5.0), 6.0),
+        Case("a = 2, b = 3.2, between 1 and the root of 2 apart", (2.0, 3.2), 3.0),
     ),
     eikonal_update,
     (
@@ -157,6 +161,11 @@ EIKONAL_UPDATE = Exercise(
         Mistake(
             "If |a - b| >= 1, the quadratic equation has no valid solution. Use only the smaller neighbour then.",
             lambda a, b: (a + b + np.sqrt(2 - (a - b) ** 2)) / 2,
+        ),
+        Mistake(
+            "Between |a - b| = 1 and the root of 2 the equation has a solution, but it is smaller than the larger "
+            "neighbour. The condition is |a - b| < 1.",
+            lambda a, b: min(a, b) + 1 if abs(a - b) > np.sqrt(2) else (a + b + np.sqrt(2 - (a - b) ** 2)) / 2,
         ),
         Mistake(
             "If |a - b| >= 1, do not clip the root: the cell is reached from the smaller neighbour alone.",

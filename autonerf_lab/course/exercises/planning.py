@@ -27,7 +27,7 @@ def tolerant(predicted: np.ndarray, true: np.ndarray, cell: float, tolerance: fl
     """Return precision and recall of occupied cells within a tolerance, %, (2,)."""
     predicted_cells, true_cells = np.argwhere(predicted), np.argwhere(true)
     distance = cell * np.linalg.norm(predicted_cells[:, None] - true_cells[None], axis=2)  # metres, all pairs
-    near = distance <= tolerance + 1e-9
+    near = distance <= tolerance
     precision, recall = near.any(axis=1).mean(), near.any(axis=0).mean()
     return np.array([100 * precision, 100 * recall])
 
@@ -75,11 +75,15 @@ TOLERANT = Exercise(
     "09-tolerant",
     "Return precision and recall of occupied cells, %, (2,); cells match within the tolerance (m).",
     (
-        Case("a wall that is 5 cm off, 5 cells of 5 cm", (_LOWER, _WALL, 0.05, 0.05), np.array([80.0, 80.0])),
+        Case(
+            "a wall that is 5 cm off, 5 cells of 5 cm, tolerance 6 cm",
+            (_LOWER, _WALL, 0.05, 0.06),
+            np.array([80.0, 80.0]),
+        ),
         Case("the same, with a tolerance of 0", (_LOWER, _WALL, 0.05, 0.0), np.array([0.0, 0.0])),
         Case(
             "two cells, one adjacent to a true one and one diagonal to two",
-            (_BESIDE, _DIAGONAL, 0.05, 0.05),
+            (_BESIDE, _DIAGONAL, 0.05, 0.06),
             np.array([50.0, 100 / 3]),
         ),
         Case("the same, with a tolerance of 8 cm", (_BESIDE, _DIAGONAL, 0.05, 0.08), np.array([100.0, 200 / 3])),
@@ -102,12 +106,18 @@ TOLERANT = Exercise(
             lambda p, t, cell, tolerance: _percentages(
                 p,
                 t,
-                cell * np.abs(np.argwhere(p)[:, None] - np.argwhere(t)[None]).max(axis=2) <= tolerance + 1e-9,
+                cell * np.abs(np.argwhere(p)[:, None] - np.argwhere(t)[None]).max(axis=2) <= tolerance,
+            ),
+        ),
+        Mistake(
+            "Use the straight line, not the sum over the axes: a diagonal neighbour is 1.41 cells away, not 2.",
+            lambda p, t, cell, tolerance: _percentages(
+                p, t, cell * np.abs(np.argwhere(p)[:, None] - np.argwhere(t)[None]).sum(axis=2) <= tolerance
             ),
         ),
         Mistake(
             "The distance is in cells but the tolerance in metres: multiply by the cell size.",
-            lambda p, t, cell, tolerance: _percentages(p, t, _distances(p, t) <= tolerance + 1e-9),
+            lambda p, t, cell, tolerance: _percentages(p, t, _distances(p, t) <= tolerance),
         ),
         Mistake(
             "The result is a fraction. Return percent.",

@@ -18,6 +18,8 @@ def angle(a: np.ndarray, b: np.ndarray) -> float:
 
 def moved(pose: np.ndarray, omega: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return the pose after a rotation and a translation in the camera frame."""
+    from autonerf_lab.geometry import so3_exp
+
     after = pose.copy()
     after[:3, :3] = pose[:3, :3] @ so3_exp(omega)
     after[:3, 3] = pose[:3, 3] + pose[:3, :3] @ v

@@ -177,6 +177,14 @@ class _NeverAdding(NewSquares):
         return super().__call__(transition)
 
 
+class _Rounding(NewSquares):
+    def __call__(self, transition: Transition) -> float:
+        x, y = (int(v) for v in np.round(transition.observation.pose[:2, 3]))
+        new = (x, y) not in self.entered
+        self.entered.add((x, y))
+        return float(new)
+
+
 class _Shared(NewSquares):
     common: set[tuple[int, int]] = set()  # noqa: RUF012 - the mistake
 
@@ -207,6 +215,7 @@ NEW_SQUARES = Exercise(
         Mistake(
             "int() rounds towards zero, so the squares on both sides of zero become one. Use np.floor.", _Truncating
         ),
+        Mistake("round() puts the border between two squares into the middle of a square. Use np.floor.", _Rounding),
         Mistake("The second episode gets no reward: clear the memory in reset(rng).", _WithoutReset),
         Mistake(
             "Two environments share one memory: create the set in reset, not in the class, and pass the class, "

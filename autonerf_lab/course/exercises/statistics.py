@@ -85,7 +85,6 @@ HALF_WIDTH = Exercise(
         ),
         Mistake("This is the full width. Return half of it.", lambda runs: 2 * half_width(runs)),
     ),
-    tolerance=1e-4,
 )
 
 _FIRST, _SECOND = [[1.0, 3.0], [11.0, 12.0]], [[2.0, 4.0], [13.0, 14.0]]
@@ -96,6 +95,7 @@ PAIRED = Exercise(
     (
         Case("a difference of 1 in each of three scenes", ([[1.0], [5.0], [9.0]], [[2.0], [6.0], [10.0]]), (1.0, 0.0)),
         Case("1, 3; 11, 12 against 2, 4; 13, 14", (_FIRST, _SECOND), (1.5, 6.353102)),
+        Case("1, 1; 1 against 2, 4; 5", ([[1.0, 1.0], [1.0]], [[2.0, 4.0], [5.0]]), (3.0, 12.706205)),
     ),
     paired,
     (
@@ -111,12 +111,11 @@ PAIRED = Exercise(
         Mistake(
             "All pairs are treated as independent: take the mean over the starts of each scene first.",
             lambda a, b: (
-                paired(a, b)[0],
+                float(np.mean(np.subtract(_all(b), _all(a)))),
                 _half(list(np.subtract(_all(b), _all(a))), _t(sum(map(len, a)))),
             ),
         ),
     ),
-    tolerance=1e-4,
 )
 
 
@@ -157,7 +156,6 @@ CORRELATION = Exercise(
             lambda x, y: correlation(x, y) * len(x) / (len(x) - 1),
         ),
     ),
-    tolerance=1e-4,
 )
 
 EXERCISES = (HALF_WIDTH, PAIRED, CORRELATION)
