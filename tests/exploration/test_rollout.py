@@ -157,3 +157,11 @@ def test_the_map_grows_with_the_scene():
     )
     assert min(run.poses[:, 0, 3].max() for run in (small, large)) > 25
     assert small.meta["explored_m2"][-1] == pytest.approx(large.meta["explored_m2"][-1], rel=0.05)
+
+
+@pytest.mark.parametrize("policy", ["frontier", "frontier-classic", "random-waypoints", "modular-obs", "e2e-cov"])
+def test_every_kind_of_policy_goes_on_when_its_map_grows(policy):
+    sim = Simulator(empty_room(20.0, 20.0), CAMERA, rgb=False)
+    trajectory = explore(sim, policy, steps=60, pose=planar_pose(10, 10, 0.0), progress=False, map_size=200)
+    assert len(trajectory) == 60 and trajectory.meta["path_m"][-1] > 2
+    assert policy == "e2e-cov" or np.abs(trajectory.poses[:, :2, 3] - 10).max() + 5 > 6.5  # it has seen the border

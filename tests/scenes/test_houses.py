@@ -11,8 +11,8 @@ from autonerf_lab.scenes.freeze import HOUSES, frozen_spec
 from autonerf_lab.scenes.generator import generate_spec
 from autonerf_lab.scenes.house_plan import plan_house
 from autonerf_lab.scenes.inspection import problems
-from autonerf_lab.scenes.library import folder
 from autonerf_lab.scenes.layout import WALL
+from autonerf_lab.scenes.library import folder
 from autonerf_lab.scenes.spec import dumps
 from autonerf_lab.scenes.stairs import RISERS, SLAB, cut_out, stairs_parts, stairwell_of
 from autonerf_lab.simulator.raycast import RayCaster
