@@ -197,7 +197,7 @@ def visible_cells(sim: "Simulator", samples: list[np.ndarray], grid: MapGrid, po
     return ndimage.binary_dilation(seen.reshape(len(samples), *grid.shape), window)
 
 
-def walked_faces(scene: "Scene") -> np.ndarray:
+def faces_of_the_floor(scene: "Scene") -> np.ndarray:
     """Return (F,) bool: the faces that belong to the floor on which the robot is, without those of a floor above it."""
     levels = [room["z"] for room in (scene.spec or {}).get("rooms", []) if room.get("z")]
     if not levels:

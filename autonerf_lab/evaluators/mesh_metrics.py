@@ -11,7 +11,7 @@ its nearest point:
 * ``normal_consistency`` = ``(mean_R |n(r) . n(r, truth)| + mean_T |n(t) . n(t, reconstruction)|) / 2``.
 
 T is restricted to the parts that training views have seen (``field.seen``); with the suffix ``_all`` it covers the
-whole floor that the robot walks on, for example the tops of cupboards, but no second floor. The reconstruction
+whole floor of the robot, for example the tops of cupboards, but no second floor. The reconstruction
 contains seen parts only, so accuracy has no such variant.
 """
 
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from autonerf_lab.evaluators.ground_truth import walked_faces
+from autonerf_lab.evaluators.ground_truth import faces_of_the_floor
 from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
@@ -106,7 +106,7 @@ def evaluate_mesh(
         empty: dict[str, float | None] = dict.fromkeys(_NAMES)
         return TaskResult(empty, dict.fromkeys(_NAMES, 0), dict.fromkeys(_NAMES, "empty mesh"), {"mesh": mesh})
     rng = np.random.default_rng([seed, 5])
-    true = scene.vertices[scene.faces[walked_faces(scene)]].astype(np.float64)
+    true = scene.vertices[scene.faces[faces_of_the_floor(scene)]].astype(np.float64)
     found = np.asarray(mesh.triangles, dtype=np.float64)
     true_points, true_face = sample_surface(true, samples, rng)
     found_points, found_face = sample_surface(found, samples, rng)

@@ -5,7 +5,7 @@ import pytest
 from shapely.geometry import Polygon
 
 from autonerf_lab.errors import SceneError
-from autonerf_lab.evaluators.ground_truth import walked_faces
+from autonerf_lab.evaluators.ground_truth import faces_of_the_floor
 from autonerf_lab.scenes import Scene, generate_apartment, load_scene, scene_names
 from autonerf_lab.scenes.freeze import HOUSES, frozen_spec
 from autonerf_lab.scenes.generator import generate_spec
@@ -118,11 +118,11 @@ def test_the_second_floor_is_seen_through_the_stairwell(house: Scene) -> None:
 
 
 def test_a_house_is_scored_on_the_floor_of_the_robot(house: Scene) -> None:
-    walked = walked_faces(house)
-    assert 0.4 < walked.mean() < 0.8
+    own = faces_of_the_floor(house)
+    assert 0.4 < own.mean() < 0.8
     lift = min(room["z"] for room in house.spec["rooms"] if "z" in room)  # type: ignore[index]
-    assert house.vertices[house.faces[~walked], 2].min() >= lift - 0.01
-    assert walked_faces(load_scene("train-04")).all()
+    assert house.vertices[house.faces[~own], 2].min() >= lift - 0.01
+    assert faces_of_the_floor(load_scene("train-04")).all()
 
 
 def test_highlights_are_those_of_the_lamps_of_the_same_floor(house: Scene) -> None:
