@@ -72,6 +72,9 @@ def chain(home: str | int, policy: str, steps: int, size: str, folder: Path | No
     print(f"{scene.name} {policy}: explored {explored[-1]:.0f} m2 in {seconds['explore_s']:.0f} s", flush=True)
     with stopwatch(seconds, "fit"):
         field = fit(trajectory, preset=size, progress=False)
+    if folder is not None:
+        trajectory.save(folder / f"{scene.name}-{policy}/trajectory")
+        field.save(folder / f"{scene.name}-{policy}/nerf")
     print(f"{scene.name} {policy}: {field.meta['steps']} training steps in {seconds['fit_s']:.0f} s", flush=True)
     with stopwatch(seconds, "evaluate"):
         scores = evaluate(field, scene, size, tasks=TASKS, progress=False)
@@ -81,8 +84,6 @@ def chain(home: str | int, policy: str, steps: int, size: str, folder: Path | No
     row |= {name: values.get(name) for name in ("psnr", "free_recall", "completion_ratio", "completion_ratio_all")}
     if folder is not None:
         name = folder / f"{scene.name}-{policy}"
-        trajectory.save(name / "trajectory")
-        field.save(name / "nerf")
         mesh = extract_mesh(field, preset(size).mesh_voxel)
         export_mesh(mesh, name / "color.ply")
         export_mesh(semantic_mesh(mesh), name / "semantic.ply")

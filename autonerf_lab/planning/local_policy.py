@@ -215,9 +215,11 @@ def _window(map: MapState, *cells: tuple[int, ...]) -> tuple[slice, slice]:
 
 def _goal_cells(free: np.ndarray, goal: tuple[int, int], radius: int) -> np.ndarray:
     """Return the mask of free cells within ``radius`` cells of the goal."""
-    rows, cols = np.ogrid[: free.shape[0], : free.shape[1]]
-    near: np.ndarray = (rows - goal[0]) ** 2 + (cols - goal[1]) ** 2 <= radius**2
-    return free & near
+    rows = np.arange(max(0, goal[0] - radius), min(free.shape[0], goal[0] + radius + 1))
+    cols = np.arange(max(0, goal[1] - radius), min(free.shape[1], goal[1] + radius + 1))
+    found, box = np.zeros_like(free), np.ix_(rows, cols)
+    found[box] = free[box] & ((rows[:, None] - goal[0]) ** 2 + (cols - goal[1]) ** 2 <= radius**2)
+    return found
 
 
 @njit(cache=True)
