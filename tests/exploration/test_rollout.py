@@ -152,10 +152,10 @@ def test_the_map_grows_with_the_scene():
     """On a map of 32 m, the robot explores a room of 40 m as well as on one that contains it."""
     sim = Simulator(empty_room(40.0, 2.0), CAMERA, rgb=False)
     small, large = (
-        explore(sim, "frontier", steps=150, pose=planar_pose(2.0, 1.0, 0.0), progress=False, map_size=size)
-        for size in (640, 1600)
+        explore(sim, "frontier", steps=90, pose=planar_pose(2.0, 1.0, 0.0), progress=False, map_size=size)
+        for size in (640, 960)
     )
-    assert min(run.poses[:, 0, 3].max() for run in (small, large)) > 25
+    assert min(run.poses[:, 0, 3].max() for run in (small, large)) > 18
     assert small.meta["explored_m2"][-1] == pytest.approx(large.meta["explored_m2"][-1], rel=0.05)
 
 
