@@ -133,7 +133,8 @@ class Grid:
             if not is_path(policy) and ":" not in policy and policy not in available_policies():
                 raise UnknownNameError("policy", policy, [*available_policies(), *groups])
             make_policy(policy)
-        splits = {"all": scene_names()} | {split: scene_names(split) for split in ("train", "dev", "val")}
+        splits = {split: scene_names(split) for split in ("train", "dev", "val", "house")}
+        splits["all"] = [*splits["train"], *splits["dev"], *splits["val"]]  # the apartments of the protocol
         scenes = _expand(self.scenes, splits)
         for scene in scenes:
             if is_path(scene):

@@ -77,7 +77,11 @@ class ExplorationOptions:
     ] = None
     map_size: Annotated[
         int | None,
-        option(metavar="N", help="Side length of the map, in cells of 5 cm.", default="640"),
+        option(
+            metavar="N",
+            help="Initial side length of the map, in cells of 5 cm; it grows with the scene.",
+            default="640",
+        ),
     ] = None
     width: Annotated[int | None, option(metavar="N", help="Image width in pixels.", default="from the preset")] = None
     height: Annotated[int | None, option(metavar="N", help="Image height in pixels.", default="from the preset")] = None

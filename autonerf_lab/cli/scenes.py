@@ -58,16 +58,20 @@ class ScenesShowCommand:
 
 @dataclass(frozen=True)
 class ScenesGenerateCommand:
-    """Generate an apartment from a random seed and write its specification."""
+    """Generate an apartment, or a home of a given size, from a random seed and write its specification."""
 
     seed: Annotated[Positional[int], option(help="Random seed.")]
     out: Annotated[Path, option(help="Output file: .json (specification, usable as --scene) or .glb (mesh).")]
+    area: Annotated[float | None, option(help="Floor area, 40 to 300 m2.")] = None
+    rooms: Annotated[int | None, option(help="Number of rooms, corridors included, 2 to 14.")] = None
+    floors: Annotated[int | None, option(help="1 or 2.")] = None
 
     def run(self) -> None:
         """Generate and write the scene."""
         from autonerf_lab.scenes import generate_apartment
 
-        _write_scene(generate_apartment(self.seed), self.out)
+        scene = generate_apartment(self.seed, area=self.area, rooms=self.rooms, floors=self.floors)
+        _write_scene(scene, self.out)
 
 
 @dataclass(frozen=True)

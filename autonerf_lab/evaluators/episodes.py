@@ -68,10 +68,11 @@ class FastMarching:
         self._waypoint: np.ndarray | None = None
 
     def reset(self, goal: Goal, observation: Observation, seed: int) -> None:
-        """Begin an episode with an empty map of 48 m."""
+        """Begin an episode with an empty map of 48 m, which grows."""
         height, width = observation.depth.shape
         self._goal, self._local, self._rng, self._waypoint = goal, LocalPolicy(), np.random.default_rng(seed), None
-        self._mapper = Mapper(empty_map(observation.pose, round(48 / MAP_CELL)), Intrinsics.from_fov(width, height))
+        start, camera = empty_map(observation.pose, round(48 / MAP_CELL)), Intrinsics.from_fov(width, height)
+        self._mapper = Mapper(start, camera, grows=True)
 
     def act(self, observation: Observation) -> int:
         """Follow the path to the goal, and stop there."""

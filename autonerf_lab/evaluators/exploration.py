@@ -12,7 +12,7 @@ from autonerf_lab.evaluators.coverage import area_under, coverage, visible_map
 from autonerf_lab.evaluators.metrics import METRICS, metrics_of
 from autonerf_lab.exploration import MAP_SIZE
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.mapping import Mapper, empty_map
+from autonerf_lab.mapping import Mapper, empty_map, enlarged
 from autonerf_lab.rewards import REWARDS
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator import Simulator
@@ -73,7 +73,7 @@ def summed_rewards(trajectory: Trajectory) -> dict[str, float]:
         trajectory: with depth and semantics.
     """
     assert trajectory.depth is not None and trajectory.semantics is not None  # the simulator records both
-    mapper = Mapper(empty_map(trajectory.poses[0], MAP_SIZE), trajectory.intrinsics)
+    mapper = Mapper(empty_map(trajectory.poses[0], MAP_SIZE), trajectory.intrinsics, grows=True)
     first = None
     for t, pose in enumerate(trajectory.poses):
         observation = Observation(trajectory.rgb[t], trajectory.depth[t], trajectory.semantics[t], pose, step=t)
@@ -81,6 +81,7 @@ def summed_rewards(trajectory: Trajectory) -> dict[str, float]:
         if first is None:
             first = _copy(state)
     assert first is not None
+    first = enlarged(first, (len(state.explored) - len(first.explored)) // 2)
     # Cells are never unmapped, so the sum over all steps equals the reward of one step from first to last map.
     whole = Transition(first, state, observation, trajectory.meta["actions"][-1])
     return {name: float(REWARDS[name](whole)) for name in SUMMED}

@@ -8,8 +8,8 @@ they enter no score.
 Ray casting decides what a robot can see. Surfaces are sampled every 7 mm. One sample, the highest, is kept for each
 map cell, class, third of the height band and facing direction (of six): a table is seen from above. A sample is visible
 if the segment to one of 20 navigable camera positions (height 0.88 m) is not blocked. The 20 positions are chosen from
-600 seeded positions, at the ranks 0, 1, 2, 3, 4, 6 ... 255 by distance, so that near and far views are tried. A cell,
-or a class in a cell, is visible if a sample in it or in one of its eight neighbours is visible.
+600 seeded positions (more in a house), at the ranks 0, 1, 2, 3, 4, 6 ... 255 by distance, so that near and far views
+are tried. A cell, or a class in a cell, is visible if a sample in it or in one of its eight neighbours is visible.
 """
 
 import weakref
@@ -27,13 +27,15 @@ from autonerf_lab.geometry import CAMERA_HEIGHT, cell_to_world, world_to_cell
 from autonerf_lab.scenes.height_band import occupied_cells
 
 if TYPE_CHECKING:
+    from autonerf_lab.scenes.scene import Scene
     from autonerf_lab.simulator import Simulator
 
 CELL = 0.01  # metres
 BAND = (0.10, CAMERA_HEIGHT)  # height band of a map cell, metres above the floor
 MAX_CELLS = 15_000_000  # 1500 m2: maps and planning need about 140 bytes per cell, so 2 GB
 
-_POSITIONS = 600
+_POSITIONS = 600  # at least; more in a house, so that no room is left out
+_POSITIONS_PER_M2 = 9
 _RANKS = (0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 80, 100, 128, 160, 181, 220, 255)
 _COARSE = 10  # side of the blocks of cells that share their candidate positions, in cells
 _SPACING = 0.007
@@ -195,9 +197,19 @@ def visible_cells(sim: "Simulator", samples: list[np.ndarray], grid: MapGrid, po
     return ndimage.binary_dilation(seen.reshape(len(samples), *grid.shape), window)
 
 
-def camera_positions(sim: "Simulator", count: int = _POSITIONS, seed: int = 0) -> np.ndarray:
-    """Sample (count, 3) camera centres, uniform over the cells of the navigable floor."""
+def faces_of_the_floor(scene: "Scene") -> np.ndarray:
+    """Return (F,) bool: the faces that belong to the floor on which the robot is, without those of a floor above it."""
+    levels = [room["z"] for room in (scene.spec or {}).get("rooms", []) if room.get("z")]
+    if not levels:
+        return np.ones(len(scene.faces), dtype=bool)
+    below: np.ndarray = scene.vertices[scene.faces, 2].min(axis=1) < min(levels) - _TOUCHING
+    return below
+
+
+def camera_positions(sim: "Simulator", count: int | None = None, seed: int = 0) -> np.ndarray:
+    """Sample (count, 3) camera centres, uniform over the cells of the navigable floor; at least 600 by default."""
     navigation = sim.navigation
+    count = count or max(_POSITIONS, round(_POSITIONS_PER_M2 * navigation.area))
     cells = np.argwhere(navigation.navigable)
     cells = cells[np.random.default_rng(seed).integers(len(cells), size=count)]
     xy = cell_to_world(cells, navigation.origin, navigation.cell)

@@ -11,8 +11,8 @@ its nearest point:
 * ``normal_consistency`` = ``(mean_R |n(r) . n(r, truth)| + mean_T |n(t) . n(t, reconstruction)|) / 2``.
 
 T is restricted to the parts that training views have seen (``field.seen``); with the suffix ``_all`` it covers the
-whole scene, for example the tops of cupboards. The reconstruction contains seen parts only, so accuracy has no such
-variant.
+whole floor of the robot, for example the tops of cupboards, but no second floor. The reconstruction
+contains seen parts only, so accuracy has no such variant.
 """
 
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from autonerf_lab.evaluators.ground_truth import faces_of_the_floor
 from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
@@ -105,7 +106,8 @@ def evaluate_mesh(
         empty: dict[str, float | None] = dict.fromkeys(_NAMES)
         return TaskResult(empty, dict.fromkeys(_NAMES, 0), dict.fromkeys(_NAMES, "empty mesh"), {"mesh": mesh})
     rng = np.random.default_rng([seed, 5])
-    true, found = scene.vertices[scene.faces].astype(np.float64), np.asarray(mesh.triangles, dtype=np.float64)
+    true = scene.vertices[scene.faces[faces_of_the_floor(scene)]].astype(np.float64)
+    found = np.asarray(mesh.triangles, dtype=np.float64)
     true_points, true_face = sample_surface(true, samples, rng)
     found_points, found_face = sample_surface(found, samples, rng)
     accuracy, true_match = nearest_on(found_points, true, *_cover(true, true_points, true_face))

@@ -8,16 +8,16 @@ from tqdm import tqdm
 
 from autonerf_lab.data.pose_sources import check_source
 from autonerf_lab.data.trajectory import Trajectory
-from autonerf_lab.errors import PolicyError, SceneError
+from autonerf_lab.errors import PolicyError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.localization import OdometryModel, PoseEstimator
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.policies import Policy, make_policy
 from autonerf_lab.simulator import Simulator
-from autonerf_lab.types import Action, MapState, Observation, read_only
+from autonerf_lab.types import Action, Observation, read_only
 from autonerf_lab.utils.plugins import named_errors
 
-MAP_SIZE = 640  # cells; 32 m contain an apartment of 15 m for any start pose
+MAP_SIZE = 640  # cells; 32 m contain most apartments for any start pose, larger maps grow
 POSES = ("true", "odometry", "estimated")  # pose sources that exist during an episode
 _MOVED = 0.025  # metres, half a cell: correction of earlier poses after which the map is drawn again
 _POLICY_STREAM = 1  # second word of the policy's seed, so that its random numbers differ from those of the start pose
@@ -46,7 +46,8 @@ def explore(
         seed: random seed of the start pose, the noise and the policy.
         progress: show a progress bar.
         pose: start pose, (4, 4) camera-to-world; None for a random one.
-        map_size: size of the robot's map, cells of 5 cm a side; the map is centred on the start.
+        map_size: initial size of the robot's map, cells of 5 cm a side; the map is centred on the start and grows with
+            the scene (:class:`~autonerf_lab.mapping.Mapper`).
         poses: pose source: ``odometry``, ``estimated`` or ``true``. Without noise, odometry is exact.
 
     Returns:
@@ -58,7 +59,7 @@ def explore(
     Raises:
         UnknownNameError: unknown policy or pose source.
         PolicyError: the policy raised, or returned something else than an action; names policy and step.
-        SceneError: ``pose`` is not navigable, or the robot reached the border of its map.
+        SceneError: ``pose`` is not navigable, or the map would exceed 400 m a side.
 
     Example:
         >>> from autonerf_lab.geometry import Intrinsics
@@ -79,7 +80,7 @@ def explore(
     estimator = PoseEstimator(sim.intrinsics, OdometryModel.from_noise(sim.noise)) if poses == "estimated" else None
     if estimator is not None:
         estimator.start(observation)
-    mapper = Mapper(empty_map(observation.pose, map_size), sim.intrinsics)
+    mapper = Mapper(empty_map(observation.pose, map_size), sim.intrinsics, grows=True)
     shape = (steps, *observation.depth.shape)
     measured, true_poses, used = (np.empty((steps, 4, 4)) for _ in range(3))
     rgb, depth, semantics = np.empty((*shape, 3), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
@@ -100,11 +101,10 @@ def explore(
                 revision, corrected = estimator.revision, estimator.trajectory[:t]
                 if np.linalg.norm((corrected - used[:t])[:, :2, 3], axis=1).max() > _MOVED:
                     used[:t] = corrected
-                    mapper = _redrawn(map_size, sim.intrinsics, corrected, depth, semantics)
+                    mapper = _redrawn(len(mapper.map.explored), sim.intrinsics, corrected, depth, semantics)
         elif poses == "true":
             observation = replace(observation, pose=sim.pose)
         used[t] = observation.pose
-        _check_inside(observation.pose, mapper.map)
         _, map = mapper.add(observation)
         explored.append(round(float(np.count_nonzero(map.explored)) * map.cell**2, 4))
         path.append(round(length, 4))
@@ -145,18 +145,7 @@ def explore(
 
 def _redrawn(size: int, intrinsics: Intrinsics, poses: np.ndarray, depth: np.ndarray, semantics: np.ndarray) -> Mapper:
     """Return a mapper with the map of recorded images at corrected poses."""
-    mapper = Mapper(empty_map(poses[0], size), intrinsics)
+    mapper = Mapper(empty_map(poses[0], size), intrinsics, grows=True)
     for pose, image, labels in zip(poses, depth, semantics, strict=False):
         mapper.add(Observation(labels, image, labels, pose))
     return mapper
-
-
-def _check_inside(pose: np.ndarray, map: MapState) -> None:
-    """Raise an error if the robot is within 1 m of the border of its map, outside of which it could not plan."""
-    half = map.occupied.shape[0] * map.cell / 2
-    distance = np.abs(pose[:2, 3] - map.origin - half).max()
-    if distance > half - 1.0:
-        raise SceneError(
-            f"the robot is {distance:.1f} m from its start and its map ends at {half:.1f} m; "
-            f"use a larger map (map_size=, --map-size; now {map.occupied.shape[0]} cells)"
-        )

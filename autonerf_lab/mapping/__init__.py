@@ -1,5 +1,5 @@
 """Top-down semantic map."""
 
-from autonerf_lab.mapping.semantic_map import Mapper, empty_map, update
+from autonerf_lab.mapping.semantic_map import Mapper, empty_map, enlarged, update
 
-__all__ = ["Mapper", "empty_map", "update"]
+__all__ = ["Mapper", "empty_map", "enlarged", "update"]

@@ -9,6 +9,8 @@
   from world +x.
 
 Cells are never cleared, so a reward that counts new cells is never negative.
+
+The robot's own map grows by the same number of cells on every side, so that its middle stays at the start.
 """
 
 from dataclasses import replace
@@ -17,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from autonerf_lab.classes import NUM_CLASSES
+from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import AGENT_RADIUS, Intrinsics
 from autonerf_lab.types import MapState, Observation, read_only
 
@@ -26,6 +29,10 @@ NEAR, FAR = 0.5, 5.0  # metres, range of the depth sensor
 OBSTACLE_MIN = 0.25  # metres above the floor
 OBSTACLE_OVER_CAMERA = 0.01  # metres above the camera
 VIEWPOINT_BINS = 12
+GROWTH = 160  # cells by which a map grows on every side; a multiple of the factors by which policies pool it
+BEYOND = 1.5  # metres; a map grows for points farther outside. 1.5 m keep the map of every frozen apartment as it was
+EDGE = 1.0  # metres; a map grows if the robot is nearer to its border, outside of which it could not plan
+LIMIT = 8000  # cells a side, 400 m: up to here maps grow
 _CHANNELS = ("occupied", "explored", "visited", "semantics", "viewpoints")
 
 
@@ -92,6 +99,8 @@ class Mapper:
     Args:
         start: map to which the first observation is added; it is not modified.
         intrinsics: intrinsics of the camera.
+        grows: enlarge the map (:func:`enlarged`) when the robot or what it sees leaves it, up to 400 m a side; without,
+            points outside are ignored.
 
     Example:
         >>> from autonerf_lab.geometry import planar_pose
@@ -103,8 +112,9 @@ class Mapper:
         (False, True)
     """
 
-    def __init__(self, start: MapState, intrinsics: Intrinsics) -> None:
+    def __init__(self, start: MapState, intrinsics: Intrinsics, grows: bool = False) -> None:
         self._intrinsics = intrinsics
+        self._grows = grows
         self._buffers = [_copied(start), _copied(start)]
         self._touched = np.zeros(4, int)  # rows and columns that the last update may have changed
         self.map = read_only(self._buffers[0])
@@ -113,7 +123,18 @@ class Mapper:
         """Return the map before and after one more observation, read-only.
 
         Buffers are reused after two calls; copy to keep.
+
+        Raises:
+            SceneError: the map would exceed 400 m a side.
         """
+        while self._grows and _leaves(self.map, observation, self._intrinsics):
+            if len(self.map.explored) + 2 * GROWTH > LIMIT:
+                raise SceneError(
+                    f"the robot's map would exceed {LIMIT * self.map.cell:.0f} m a side; check the scale of the scene"
+                )
+            self._buffers = [enlarged(buffer, GROWTH) for buffer in self._buffers]
+            self._touched = self._touched + GROWTH
+            self.map = read_only(self._buffers[0])
         before, stale = self._buffers
         top, bottom, left, right = self._touched
         for name in _CHANNELS:
@@ -123,6 +144,48 @@ class Mapper:
         self._buffers = [after, before]
         seen_before, self.map = self.map, read_only(after)
         return seen_before, self.map
+
+
+def enlarged(map: MapState, cells: int) -> MapState:
+    """Return a copy of a map with more cells on every side.
+
+    Example:
+        >>> from autonerf_lab.geometry import planar_pose
+        >>> larger = enlarged(empty_map(planar_pose(0, 0, 0), size=100), 10)
+        >>> larger.explored.shape, larger.origin
+        ((120, 120), array([-3., -3.]))
+    """
+
+    def padded(array: np.ndarray) -> np.ndarray:
+        return np.pad(array, [(0, 0)] * (array.ndim - 2) + [(cells, cells)] * 2)
+
+    return MapState(
+        padded(map.occupied),
+        padded(map.explored),
+        padded(map.visited),
+        padded(map.semantics),
+        padded(map.viewpoints),
+        map.pose,
+        map.origin - cells * map.cell,
+        map.cell,
+    )
+
+
+def _leaves(map: MapState, observation: Observation, intrinsics: Intrinsics) -> bool:
+    """Return True if the robot is at the border of the map, or sees points more than ``BEYOND`` outside."""
+    half = len(map.explored) * map.cell / 2
+    pose = observation.pose
+    offset = pose[:2, 3] - map.origin - half
+    away = float(np.abs(offset).max())
+    if away > half - EDGE:
+        return True
+    depth = observation.depth
+    if away < half + BEYOND - FAR * np.hypot(1, max(intrinsics.cx, intrinsics.width - intrinsics.cx) / intrinsics.fl_x):
+        return False
+    used = (depth >= NEAR) & (depth <= FAR)
+    across = depth * ((np.arange(depth.shape[1]) + 0.5 - intrinsics.cx) / intrinsics.fl_x)
+    points = offset[:, None] - depth[used] * pose[:2, 2:3] + across[used] * pose[:2, 0:1]
+    return bool((np.abs(points) > half + BEYOND).any())
 
 
 def _copied(map: MapState) -> MapState:

@@ -26,7 +26,7 @@ from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.radiance_field import NeRF
 from autonerf_lab.nerf.ray_batch import Array, Arrays, Rays
 from autonerf_lab.nerf.scene_box import SceneBox
-from autonerf_lab.nerf.settings import Settings
+from autonerf_lab.nerf.settings import Settings, scaled_to_area
 from autonerf_lab.nerf.tensorboard import TensorBoardLog
 from autonerf_lab.nerf.visibility import VOXEL, Visibility, carve
 
@@ -69,7 +69,8 @@ def fit(
         data: RGB images, poses and optionally semantics; models whose ``depth_weight`` is above 0 also need depth.
         model: a name (see :mod:`autonerf_lab.nerf.models`), or a custom
             :class:`~autonerf_lab.nerf.model.ModelSpec`.
-        preset: selects the hyper-parameters and the number of steps.
+        preset: selects the hyper-parameters and the number of steps; those of ``fast`` grow with the explored area
+            of a house (:func:`~autonerf_lab.nerf.settings.scaled_to_area`).
         seed: random seed; the same seed gives the same bits.
         steps: number of steps instead of the preset's.
         seconds: duration of the training instead of a number of steps (for benchmarks and live lessons; not
@@ -93,9 +94,12 @@ def fit(
     check_device(device)
     spec = model_spec(model)
     chosen = config.preset(preset)
-    settings = settings or spec.settings_for(chosen.name)
-    settings = replace(settings, steps=steps) if steps is not None else settings
     data = Dataset.from_trajectory(data) if isinstance(data, Trajectory) else data
+    if settings is None:
+        settings = spec.settings_for(chosen.name)
+        if chosen.name == "fast":
+            settings = scaled_to_area(settings, _explored_area(data))
+    settings = replace(settings, steps=steps) if steps is not None else settings
     settings = _for_data(settings, data)
     data = data if settings.depth_weight else replace(data, depths=None)
     frame = FieldFrame.from_dataset(data)
@@ -134,6 +138,13 @@ def fit(
     meta |= {"model": spec.name, "preset": chosen.name, "seed": seed, "steps": state.step}
     meta |= {"train_psnr": state.psnr, "seconds": state.seconds, "skipped_steps": state.skipped}
     return NeRF(built, poses, data.intrinsics[0], visibility, meta, frame, classes)
+
+
+def _explored_area(data: Dataset) -> float:
+    """Return the explored area that :func:`~autonerf_lab.exploration.explore` recorded, m²; 0 for other data."""
+    recorded = data.meta.get("explored_m2")
+    last = recorded[-1] if data.metric and isinstance(recorded, list) and recorded else 0.0
+    return float(last) if isinstance(last, int | float) and np.isfinite(last) else 0.0
 
 
 def _for_data(settings: Settings, data: Dataset) -> Settings:

@@ -1,7 +1,7 @@
 """Hyper-parameters of the models; :mod:`autonerf_lab.nerf.models` has their values for each preset."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, get_args, get_origin
 
 from autonerf_lab.errors import DataError
@@ -11,6 +11,7 @@ MAY_BE_ZERO = {
     *("near", "semantic_weight", "rays_by_class", "distortion_weight", "depth_weight", "warmup", "min_weight"),
     *("appearance", "interlevel_weight", "skip"),
 }
+APARTMENT = 160.0  # m² of explored area, above that of every apartment: settings for larger homes grow with the area
 SHARES = {"rays_by_class", "warmup", "min_weight", "decay"}  # at most 1
 
 
@@ -158,6 +159,28 @@ class SemanticNerfSettings(Settings):
     fine_samples: int = 128  # additional bins of the fine field
     distortion_weight: float = 0.0
     seen_rays: int = 20_000
+
+
+def scaled_to_area(settings: Settings, area: float) -> Settings:
+    """Return settings for a trajectory that explored an area, m²: those of an apartment up to :data:`APARTMENT`.
+
+    Beyond, with g = 2 area / APARTMENT - 1: steps and rays that carve the visibility grid grow by the factor g, the
+    largest distance along a ray by sqrt(g), and hash tables in proportion to the area, to the nearest power of two.
+
+    Example:
+        >>> small, large = (scaled_to_area(HashSettings(), area) for area in (60, 300))
+        >>> (small.steps, small.log2_entries, small.far), (large.steps, large.log2_entries, round(large.far))
+        ((2800, 18, 16.0), (7700, 19, 27))
+    """
+    if area <= APARTMENT:
+        return settings
+    growth = 2 * area / APARTMENT - 1
+    changes: dict[str, Any] = {"steps": round(settings.steps * growth), "seen_rays": round(settings.seen_rays * growth)}
+    changes["far"] = settings.far * math.sqrt(growth)
+    for name in ("log2_entries", "proposal_log2_entries"):
+        if hasattr(settings, name):
+            changes[name] = getattr(settings, name) + round(math.log2(area / APARTMENT))
+    return replace(settings, **changes)
 
 
 def _check_value(name: str, value: Any, kind: Any) -> None:

@@ -74,3 +74,21 @@ def bounding_box(mask: np.ndarray) -> tuple[int, int, int, int]:
             left = left if right > 0 else col
             right = col + 1
     return top, bottom, left, right
+
+
+def resized(mask: np.ndarray | None, size: int) -> np.ndarray:
+    """Return the mask of a map that grew from the middle, or an empty one if there is none or it does not fit.
+
+    Args:
+        mask: (R, R) bool, or None.
+        size: M, cells a side of the grown map.
+
+    Returns:
+        (M, M) bool.
+
+    Example:
+        >>> resized(np.ones((1, 1), np.bool_), 3).astype(int).tolist()
+        [[0, 0, 0], [0, 1, 0], [0, 0, 0]]
+    """
+    border, odd = divmod(size - (size if mask is None else len(mask)), 2)
+    return np.zeros((size, size), np.bool_) if mask is None or odd or border < 0 else np.pad(mask, border)

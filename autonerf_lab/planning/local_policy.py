@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from autonerf_lab.geometry import AGENT_RADIUS, TURN_ANGLE, planar_from_pose, world_to_cell, wrap_angle
-from autonerf_lab.planning.dilation import bounding_box, dilate
+from autonerf_lab.planning.dilation import bounding_box, dilate, resized
 from autonerf_lab.planning.fast_marching import descend, travel_distance
 from autonerf_lab.types import Action, MapState
 
@@ -96,7 +96,8 @@ class LocalPolicy:
     def _detect_collision(self, map: MapState, x: float, y: float, heading: float) -> None:
         """Block the cells ahead if the last forward step was too short."""
         if self._bumped is None or self._bumped.shape != map.occupied.shape:
-            self._bumped = np.zeros_like(map.occupied)
+            self._bumped = resized(self._bumped, len(map.occupied))
+            self._plan = None  # its cells are those of the smaller map
         if self._last is None or self._last_action != Action.FORWARD:
             return
         if np.hypot(x - self._last[0], y - self._last[1]) >= _MIN_MOVE:
@@ -214,9 +215,11 @@ def _window(map: MapState, *cells: tuple[int, ...]) -> tuple[slice, slice]:
 
 def _goal_cells(free: np.ndarray, goal: tuple[int, int], radius: int) -> np.ndarray:
     """Return the mask of free cells within ``radius`` cells of the goal."""
-    rows, cols = np.ogrid[: free.shape[0], : free.shape[1]]
-    near: np.ndarray = (rows - goal[0]) ** 2 + (cols - goal[1]) ** 2 <= radius**2
-    return free & near
+    rows = np.arange(max(0, goal[0] - radius), min(free.shape[0], goal[0] + radius + 1))
+    cols = np.arange(max(0, goal[1] - radius), min(free.shape[1], goal[1] + radius + 1))
+    found, box = np.zeros_like(free), np.ix_(rows, cols)
+    found[box] = free[box] & ((rows[:, None] - goal[0]) ** 2 + (cols - goal[1]) ** 2 <= radius**2)
+    return found
 
 
 @njit(cache=True)

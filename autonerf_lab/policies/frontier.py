@@ -21,7 +21,7 @@ from autonerf_lab.geometry import (
     world_to_cell,
     wrap_angle,
 )
-from autonerf_lab.planning.dilation import bounding_box, dilate
+from autonerf_lab.planning.dilation import bounding_box, dilate, resized
 from autonerf_lab.planning.fast_marching import travel_distance
 from autonerf_lab.planning.local_policy import LocalPolicy
 from autonerf_lab.policies.information_gain import RAYS, new_views, unknown_area
@@ -78,7 +78,8 @@ class Frontier:
     def act(self, map: MapState, observation: Observation) -> int:
         """Return the next action."""
         if self._given_up is None or self._given_up.shape != map.explored.shape:
-            self._given_up = np.zeros_like(map.explored)
+            self._given_up = resized(self._given_up, len(map.explored))
+            self._target = None  # its cell is that of the smaller map
         if self._spin > 0:
             self._spin -= 1
             return Action.TURN_LEFT

@@ -13,7 +13,7 @@ and behind window panes, and the robot would stand before them for 200 steps.
 import numpy as np
 from scipy import ndimage
 
-from autonerf_lab.geometry import cell_to_world
+from autonerf_lab.geometry import cell_to_world, world_to_cell
 from autonerf_lab.planning.local_policy import LocalPolicy
 from autonerf_lab.policies.frontier import path_lengths_from_robot, reachable_frontier
 from autonerf_lab.types import MapState, Observation
@@ -51,25 +51,24 @@ class FrontierClassic:
         """Begin an episode."""
         self._rng = rng
         self._local = LocalPolicy()
-        self._cell: tuple[int, int] | None = None
         self._point: np.ndarray | None = None
         self._age = 0
         self._failures = 0
 
     def act(self, map: MapState, observation: Observation) -> int:
         """Return the next action towards the target."""
-        if self._cell is None or self._point is None or self._done(map, self._cell, self._point):
-            self._cell = _target(map, self._rng)
-            self._point = cell_to_world(np.array(self._cell), map.origin, map.cell)
+        if self._point is None or self._done(map, self._point):
+            self._point = cell_to_world(np.array(_target(map, self._rng)), map.origin, map.cell)
             self._age = self._failures = 0
         action = self._local.act(map, self._point)
         self._age += 1
         self._failures += self._local.blocked
         return action
 
-    def _done(self, map: MapState, cell: tuple[int, int], point: np.ndarray) -> bool:
+    def _done(self, map: MapState, point: np.ndarray) -> bool:
         reached = float(np.linalg.norm(map.pose[:2, 3] - point)) < _ARRIVED or (self._age > 0 and self._local.arrived)
-        return reached or bool(map.occupied[cell]) or self._failures >= _MAX_FAILURES or self._age >= _MAX_STEPS
+        cell = world_to_cell(point, map.origin, map.cell)  # the map may have grown
+        return reached or bool(map.occupied[tuple(cell)]) or self._failures >= _MAX_FAILURES or self._age >= _MAX_STEPS
 
 
 def _target(map: MapState, rng: np.random.Generator) -> tuple[int, int]:

@@ -45,10 +45,10 @@ def plan_rooms(layout: Layout, rng: np.random.Generator) -> None:
     shape = str(rng.choice(shapes))
     while True:  # rejection sampling: most proportions give no valid plan
         roomy = float(rng.uniform(0.95, 1.3))
-        rooms = _corner_plan(others, roomy, rng) if shape == "corner" else _band_plan(shape, living, others, roomy, rng)
+        rooms = _corner_plan(others, roomy, rng) if shape == "corner" else band_plan(shape, living, others, roomy, rng)
         if rooms is None:
             continue
-        _mirror_and_transpose(rooms, rng)
+        mirror_and_transpose(rooms, rng)
         for room in rooms:
             room.polygon = net_polygon(room.rects)
         if MIN_AREA <= sum(room.shape.area for room in rooms) <= MAX_AREA:
@@ -64,7 +64,7 @@ def _narrow(category: str, rect: Rect) -> bool:
     return min(rect[2] - rect[0], rect[3] - rect[1]) - WALL < PROGRAM[category][2] - 0.25
 
 
-def _band_plan(  # noqa: PLR0911  each return is one reason to reject a plan
+def band_plan(  # noqa: PLR0911  each return is one reason to reject a plan
     shape: str, living_kind: str, others: list[str], roomy: float, rng: np.random.Generator
 ) -> list[Room] | None:
     """Lay out a straight corridor with bands of rooms; None if the sampled proportions give no valid plan."""
@@ -187,7 +187,7 @@ def _stretch_last(rooms: list[Room], bands: list[list[int]], side: int, reach: f
     return True
 
 
-def _mirror_and_transpose(rooms: list[Room], rng: np.random.Generator) -> None:
+def mirror_and_transpose(rooms: list[Room], rng: np.random.Generator) -> None:
     """Mirror and transpose at random, then move the lower corner to the origin and round to centimetres."""
     flip_x, flip_y, swap = (bool(v) for v in rng.integers(0, 2, 3))
     for room in rooms:

@@ -7,6 +7,7 @@ rebuilds every mesh and compares it with the manifest.
 import argparse
 import hashlib
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,8 @@ from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.spec import dumps, read_spec
 from autonerf_lab.utils.storage import read_json, write_bytes, write_json
 
-FIRST_SEED = {"train": 1_000, "dev": 2_000, "val": 3_000}
+FIRST_SEED = {"train": 1_000, "dev": 2_000, "val": 3_000, "house": 5_000}
+HOUSES = ((180, 8, 1), (210, 10, 2), (240, 11, 1), (270, 13, 2), (300, 14, 1))  # m2, rooms, floors of house-0 ... 4
 
 
 def mesh_sha256(scene: Scene) -> str:
@@ -35,7 +37,7 @@ def mesh_sha256(scene: Scene) -> str:
 
 
 def seed_of(name: str) -> int:
-    """Return the generator seed of a frozen scene; the seeds of the three splits are disjoint.
+    """Return the generator seed of a frozen scene; the seeds of the splits are disjoint.
 
     Example:
         >>> seed_of("dev-3"), seed_of("train-24")
@@ -45,11 +47,26 @@ def seed_of(name: str) -> int:
     return FIRST_SEED[split] + int(number)
 
 
-def freeze(target: Path, thumbnails: bool = True) -> None:
-    """Generate all frozen scenes and write their specifications, thumbnails (top views) and manifest to a folder."""
-    scenes = {}
-    for name in scene_names():
-        spec = generate_spec(seed_of(name), name)
+def frozen_spec(name: str) -> dict:
+    """Generate the specification of a frozen scene: an apartment, or a house of the size in :data:`HOUSES`."""
+    if not name.startswith("house-"):
+        return generate_spec(seed_of(name), name)
+    area, rooms, floors = HOUSES[int(name.removeprefix("house-"))]
+    return generate_spec(seed_of(name), name, area=area, rooms=rooms, floors=floors)
+
+
+def freeze(target: Path, names: Sequence[str] | None = None, thumbnails: bool = True) -> None:
+    """Generate frozen scenes and write their specifications, thumbnails (top views) and manifest entries to a folder.
+
+    Args:
+        target: Folder of the scenes.
+        names: Scenes to write; the others stay as they are. Default: all.
+        thumbnails: Write the top views.
+    """
+    path = target / "manifest.json"
+    scenes = read_json(path, dict[str, Any])["scenes"] if names is not None and path.exists() else {}
+    for name in scene_names() if names is None else names:
+        spec = frozen_spec(name)
         text = dumps(spec).encode()
         write_bytes(target / f"{name}.json", text)
         scene = build(spec)
@@ -65,7 +82,7 @@ def freeze(target: Path, thumbnails: bool = True) -> None:
             jpeg = io.BytesIO()
             Image.fromarray(top_view(scene, 32.0)[0]).save(jpeg, "JPEG", quality=88)
             write_bytes(target / "thumbnails" / f"{name}.jpg", jpeg.getvalue())
-    write_json(target / "manifest.json", {"version": 1, "scenes": scenes})
+    write_json(path, {"version": 1, "scenes": scenes})
 
 
 def verify(target: Path) -> None:
@@ -92,12 +109,14 @@ def main() -> None:
     parser.add_argument(
         "--folder", type=Path, default=None, help="Folder of the scenes; default: that of the repository."
     )
+    parser.add_argument("--split", default=None, help="Write only the scenes of this split; default: all.")
     options = parser.parse_args()
     if options.check:
         verify(options.folder or folder())
         print("all scenes match the manifest")
     else:
-        freeze(options.folder or Path(__file__).resolve().parents[2] / "data" / "procedural_scenes")
+        names = None if options.split is None else scene_names(options.split)
+        freeze(options.folder or Path(__file__).resolve().parents[2] / "data" / "procedural_scenes", names)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from autonerf_lab.scenes.wall_objects import furnish_walls, furnish_windows
 def place_furniture(layout: Layout, rng: np.random.Generator) -> None:
     """Furnish all rooms of a layout that has doors and windows."""
     placer = Placer(layout)
-    order = ["kitchen", "bath", *LIVING, "bedroom", "study", "corridor"]
+    order = ["kitchen", "bath", "dining", *LIVING, "bedroom", "study", "utility", "corridor"]
     for category in order:
         for index, room in enumerate(layout.rooms):
             if room.category == category:
@@ -151,6 +151,23 @@ def _study(placer: Placer, room: int, rng: np.random.Generator) -> None:
     placer.put(objects.rug(rng, 1.5, 1.0), room, np.array([(x0 + x1) / 2, (y0 + y1) / 2]), 0.0)
 
 
+def _dining(placer: Placer, room: int, rng: np.random.Generator) -> None:
+    place_dining_group(placer, room, rng, 1.8)
+    for _ in range(2):
+        w = float(rng.uniform(0.9, 1.5))
+        placer.along_wall(cabinets.fronted(rng, "sideboard", w, 0.42, 0.78, round(w / 0.5), 2, "cupboard"), room, rng)
+    placer.along_wall(cabinets.shelf(rng), room, rng)
+    _plant(placer, room, rng)
+
+
+def _utility(placer: Placer, room: int, rng: np.random.Generator) -> None:
+    placer.along_wall(bathroom.washing_machine(rng), room, rng)
+    for _ in range(2):
+        placer.along_wall(cabinets.shelf(rng, 0.7), room, rng)
+    placer.along_wall(_wardrobe(rng, 0.8), room, rng, "corner")
+    placer.along_wall(objects.basket(rng), room, rng, away=0.03)
+
+
 def _corridor(placer: Placer, room: int, rng: np.random.Generator) -> None:
     w = float(rng.uniform(0.7, 1.1))
     shoes = cabinets.fronted(rng, "shoe cupboard", w, 0.24, float(rng.uniform(0.8, 1.05)), 2, 2, "cupboard")
@@ -175,5 +192,7 @@ _ROOMS: dict[str, Callable[[Placer, int, np.random.Generator], None]] = {
     "studio": _studio,
     "bedroom": _bedroom,
     "study": _study,
+    "dining": _dining,
+    "utility": _utility,
     "corridor": _corridor,
 }

@@ -53,10 +53,10 @@ def _mesh_problems(scene: Scene) -> list[str]:
 def _plan_problems(spec: dict) -> list[str]:
     found = []
     area = sum(Polygon(room["polygon"]).area for room in spec["rooms"])
-    if not 40 <= area <= 140:
-        found.append(f"floor area {area:.0f} m2 is not between 40 and 140 m2")
-    if not 3 <= len(spec["rooms"]) <= 8:
-        found.append(f"{len(spec['rooms'])} rooms; there must be 3 to 8")
+    if not 39.5 <= area <= 315:  # with the stairwell of the second floor
+        found.append(f"floor area {area:.0f} m2 is not between 40 and 300 m2")
+    if not 2 <= len(spec["rooms"]) <= 14:
+        found.append(f"{len(spec['rooms'])} rooms; there must be 2 to 14")
     doors = [o["width"] for o in spec["openings"] if o["kind"] == "door"]
     if min(doors, default=0) < 0.8:
         found.append(f"a door is {min(doors, default=0):.2f} m wide")
@@ -93,15 +93,17 @@ def _placement_problems(scene: Scene) -> list[str]:
     boxes = _boxes(scene)
     shapes = [b[2].buffer(-SLACK) for b in boxes]
     tree = STRtree([b[2] for b in boxes])
-    interior = unary_union([Polygon(room["polygon"]) for room in scene.spec["rooms"]])
-    outline = interior.buffer(0.02)
+    rooms = scene.spec["rooms"]
+    interiors = {z: unary_union([Polygon(r["polygon"]) for r in rooms if _level(r) == z]) for z in map(_level, rooms)}
+    levels = {entry["id"]: _level(rooms[entry.get("room", 0)]) for entry in scene.spec["objects"]}
     found = []
     for k, (name, object_id, footprint, low, high, _) in enumerate(boxes):
+        interior = interiors[levels[object_id]]
         near = [int(j) for j in tree.query(footprint) if j != k]
         for j in near:
             other = boxes[j]
-            # furniture stands on rugs, and books stand inside the box of a shelf
-            lenient = any(n == "rug" or n.endswith("shelf") for n in (name, other[0]))
+            # furniture stands on rugs, books stand inside the box of a shelf, and stairs end at their railing
+            lenient = any(n in ("rug", "railing") or n.endswith("shelf") for n in (name, other[0]))
             if (
                 j > k
                 and not lenient
@@ -109,39 +111,48 @@ def _placement_problems(scene: Scene) -> list[str]:
                 and shapes[k].intersects(shapes[j])
             ):
                 found.append(f"{name} {object_id} overlaps {other[0]} {other[1]}")
-        if footprint.difference(outline).area > 1e-6:
+        if footprint.difference(interior.buffer(0.02)).area > 1e-6:
             found.append(f"{name} {object_id} is outside the rooms")
-        on_floor = low < TOUCH
-        hangs = name in LAMPS and abs(high - scene.spec["height"]) < TOUCH
+        level = levels[object_id]
+        on_floor = abs(low - level) < TOUCH
+        hangs = name in LAMPS and abs(high - level - scene.spec["height"]) < TOUCH
         at_wall = interior.boundary.distance(footprint) < 0.06
         middle = Point(footprint.centroid)
         rests = any(boxes[j][2].covers(middle) and (np.abs(boxes[j][5][:, 2] - low) < TOUCH).any() for j in near)
         if not (on_floor or hangs or at_wall or rests):
-            found.append(f"{name} {object_id} floats {low:.2f} m above the floor")
+            found.append(f"{name} {object_id} floats {low - level:.2f} m above the floor")
     return found
 
 
+def _level(room: dict) -> float:
+    """Return the z of the floor of a room."""
+    return float(room.get("z", 0.0))
+
+
 def _reachability_problems(scene: Scene) -> list[str]:
-    """Check that the robot, a disc, can reach every room and every door."""
+    """Check that the robot, a disc, can reach every room and every door of a floor of the building."""
     assert scene.spec is not None
     origin = scene.bounds[0, :2] - 0.1
     cols, rows = np.ceil((scene.bounds[1, :2] + 0.1 - origin) / CELL).astype(int).tolist()
-    blocked = occupied_cells(scene.vertices, scene.faces, 0.03, CAMERA_HEIGHT, origin, CELL, (rows, cols))
-    floor = occupied_cells(scene.vertices, scene.faces, -0.01, 0.02, origin, CELL, (rows, cols))
-    clear = ndimage.distance_transform_edt(floor & ~blocked) * CELL > AGENT_RADIUS + CELL / 2
-    labels, _ = ndimage.label(clear)
-    sizes = np.bincount(labels.ravel())
-    sizes[0] = 0
-    main = labels == int(sizes.argmax())
     x, y = np.meshgrid(origin[0] + (np.arange(cols) + 0.5) * CELL, origin[1] + (np.arange(rows) + 0.5) * CELL)
     found = []
-    for room in scene.spec["rooms"]:
-        area = (main & contains_xy(Polygon(room["polygon"]), x, y)).sum() * CELL**2
-        if area < 0.3:
-            found.append(f"{room['category']}: only {area:.2f} m2 are reachable")
-    for opening in scene.spec["openings"]:
-        if opening["kind"] == "door":
-            near = np.hypot(x - opening["at"][0], y - opening["at"][1]) < 0.3
-            if not (main & near).any():
-                found.append("a door is blocked")
+    for level in sorted({_level(room) for room in scene.spec["rooms"]}):
+
+        def between(low: float, high: float, z: float = level) -> np.ndarray:
+            return occupied_cells(scene.vertices, scene.faces, z + low, z + high, origin, CELL, (rows, cols))
+
+        clear = ndimage.distance_transform_edt(between(-0.01, 0.02) & ~between(0.03, CAMERA_HEIGHT))
+        labels, _ = ndimage.label(clear * CELL > AGENT_RADIUS + CELL / 2)
+        sizes = np.bincount(labels.ravel())
+        sizes[0] = 0
+        main = labels == int(sizes.argmax())
+        for room in scene.spec["rooms"]:
+            area = (main & contains_xy(Polygon(room["polygon"]), x, y)).sum() * CELL**2
+            if _level(room) == level and area < 0.3:
+                found.append(f"{room['category']}: only {area:.2f} m2 are reachable")
+        for opening in scene.spec["openings"]:
+            if opening["kind"] == "door" and _level(scene.spec["rooms"][opening["rooms"][0]]) == level:
+                near = np.hypot(x - opening["at"][0], y - opening["at"][1]) < 0.3
+                if not (main & near).any():
+                    found.append("a door is blocked")
     return found

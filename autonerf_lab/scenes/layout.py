@@ -21,7 +21,7 @@ Rect = tuple[float, float, float, float]  # x0, y0, x1, y1
 class Room:
     """Room of an apartment."""
 
-    category: str  # corridor, kitchen, bath, bedroom, study, or one of LIVING
+    category: str  # corridor, kitchen, bath, bedroom, study, dining, utility, or one of LIVING
     rects: list[Rect]  # floor area up to the middle of the walls
     polygon: list[tuple[float, float]] = field(default_factory=list)  # inner outline (wall faces), counter-clockwise
 
@@ -76,6 +76,10 @@ class Layout:
     objects: list[PlacedObject] = field(default_factory=list)
     materials: dict[str, dict] = field(default_factory=dict)  # as in the specification, see ``spec``
     lights: list[dict] = field(default_factory=list)  # as in the specification
+    storey: int = 0  # 0: first floor; every floor of a house is a layout of its own with its floor at z = 0
+    stairwell: Rect | None = None  # opening in the ceiling of the first and in the floor of the second floor
+    stairs_inward: tuple[float, float] = (0.0, 1.0)  # unit vector from the corridor into the stairwell
+    kept_free: list[Rect] = field(default_factory=list)  # floor without furniture, besides that at the doors
 
 
 def net_polygon(rects: list[Rect]) -> list[tuple[float, float]]:

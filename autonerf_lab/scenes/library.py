@@ -1,4 +1,4 @@
-"""Library of the 35 frozen apartments: 25 for training, 5 for development, 5 for validation."""
+"""Library of frozen scenes: 35 apartments (25 for training, 5 for development, 5 for validation) and 5 houses."""
 
 import hashlib
 from functools import lru_cache
@@ -12,11 +12,11 @@ from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.spec import read_spec
 from autonerf_lab.utils.storage import read_json
 
-SPLITS = {"train": 25, "dev": 5, "val": 5}
+SPLITS = {"train": 25, "dev": 5, "val": 5, "house": 5}
 
 
 def scene_names(split: str | None = None) -> list[str]:
-    """Return the names of the frozen scenes, of all splits or of one (train, dev, val).
+    """Return the names of the frozen scenes, of all splits or of one (train, dev, val, house).
 
     Raises:
         UnknownNameError: There is no such split.
@@ -25,7 +25,7 @@ def scene_names(split: str | None = None) -> list[str]:
         >>> scene_names("val")
         ['val-0', 'val-1', 'val-2', 'val-3', 'val-4']
         >>> len(scene_names())
-        35
+        40
     """
     if split is not None and split not in SPLITS:
         raise UnknownNameError("split", split, SPLITS)

@@ -4,6 +4,7 @@ import numpy as np
 
 from autonerf_lab.scenes import objects
 from autonerf_lab.scenes.layout import Layout, PlacedObject
+from autonerf_lab.scenes.stairs import cut_out
 from autonerf_lab.scenes.structure import REVEAL, floor_rects
 
 
@@ -13,7 +14,8 @@ def place_lights(layout: Layout, rng: np.random.Generator) -> None:
     if table is not None:
         _lamp(layout, table.room, table.at[:2], layout.height, "pendant", [1.0, 0.88, 0.7], 2.2, rng)
     for index in range(len(layout.rooms)):
-        rects = sorted(floor_rects(layout, index), key=lambda r: (r[0] - r[2]) * (r[3] - r[1]))
+        ceiling = cut_out(floor_rects(layout, index), None if layout.storey else layout.stairwell)
+        rects = sorted(ceiling, key=lambda r: (r[0] - r[2]) * (r[3] - r[1]))
         for x0, y0, x1, y1 in rects[:2]:
             long_x = x1 - x0 >= y1 - y0
             area = (x1 - x0) * (y1 - y0)

@@ -263,7 +263,7 @@ def _per_room(layout: Layout, rng: np.random.Generator, sample_color: Callable[[
 
 
 def _add_floor(add, index, category, main, rng, sample_color, shade) -> None:  # type: ignore[no-untyped-def]
-    if category in ("kitchen", "bath"):
+    if category in ("kitchen", "bath", "utility"):
         stone = sample_color([(168, 156, 140), (120, 122, 126), (196, 182, 160), (146, 110, 88), (206, 204, 198)])
         add(
             f"floor{index}",

@@ -1,6 +1,7 @@
 """Generator stage 2: doors, entrance and windows."""
 
 import numpy as np
+from shapely.geometry import Point, box
 
 from autonerf_lab.scenes.layout import COOKING, DOOR_HEIGHT, LIVING, WALL, Layout, Opening, Room
 
@@ -26,26 +27,59 @@ def place_openings(layout: Layout, rng: np.random.Generator) -> None:
     """Add doors that connect all rooms, an entrance, and windows in the outer walls."""
     corridor = len(layout.rooms) - 1
     living = corridor - 1
-    _door(layout, corridor, living, float(rng.choice([0.95, 1.3, 1.5])), rng)
+    add_door(layout, corridor, living, float(rng.choice([0.95, 1.3, 1.5])), rng)
     baths = [k for k in range(living) if layout.rooms[k].category == "bath"]
     bedrooms = [k for k in range(living) if layout.rooms[k].category == "bedroom"]
     for k in range(living):
         width = float(rng.uniform(0.84, 0.94))
-        if k in baths[1:] and any(_door(layout, k, bedroom, width, rng) for bedroom in bedrooms):
+        if k in baths[1:] and any(add_door(layout, k, bedroom, width, rng) for bedroom in bedrooms):
             continue  # en suite
-        if not _door(layout, k, corridor, width, rng):
-            _door(layout, k, living, width, rng)
+        if not add_door(layout, k, corridor, width, rng):
+            add_door(layout, k, living, width, rng)
         elif layout.rooms[k].category == "kitchen" and rng.random() < 0.65:
-            _door(layout, k, living, float(rng.choice([0.9, 1.2, 1.4])), rng)
+            add_door(layout, k, living, float(rng.choice([0.9, 1.2, 1.4])), rng)
     add_entrance(layout, corridor)
     for k, room in enumerate(layout.rooms):
         add_windows(layout, k, room, rng)
 
 
-def _door(layout: Layout, a: int, b: int, width: float, rng: np.random.Generator) -> bool:
+def place_house_openings(layout: Layout, rng: np.random.Generator) -> None:
+    """Add doors that connect all rooms of one floor of a house, an entrance on the first floor, and windows.
+
+    The corridor, or else the living room, is the last room. Every second bathroom belongs to a bedroom, if it has a
+    wall with one; kitchen and dining room are also connected to each other or to the living room.
+    """
+    rooms = layout.rooms
+    hall = len(rooms) - 1
+    kinds = [room.category for room in rooms]
+    baths = [k for k in range(hall) if kinds[k] == "bath"]
+    suites: set[int] = set()  # bedrooms that have a bathroom
+    for k in range(hall):
+        width = float(rng.choice([0.95, 1.3, 1.5])) if kinds[k] in LIVING else float(rng.uniform(0.84, 0.94))
+        beds = [b for b in range(hall) if kinds[b] == "bedroom" and b not in suites]
+        if k in baths[1::2]:
+            suite = next((b for b in beds if add_door(layout, k, b, width, rng)), None)
+            if suite is not None:
+                suites.add(suite)
+                continue
+        if not add_door(layout, k, hall, width, rng):
+            next(j for j in range(hall) if kinds[j] in LIVING and add_door(layout, k, j, width, rng))
+    for a, b in (("dining", "kitchen"), ("dining", "living"), ("kitchen", "living")):
+        if a in kinds and b in kinds and rng.random() < 0.75:
+            add_door(layout, kinds.index(a), kinds.index(b), float(rng.choice([0.9, 1.2, 1.4])), rng)
+    if layout.storey == 0:
+        add_entrance(layout, hall)
+    for k, room in enumerate(rooms):
+        add_windows(layout, k, room, rng)
+
+
+def add_door(layout: Layout, a: int, b: int, width: float, rng: np.random.Generator) -> bool:
     """Add a door in the longest wall that two rooms share; False if there is none."""
     walls = shared_walls(layout.rooms[a], layout.rooms[b])
     walls = [w for w in walls if np.linalg.norm(w[1] - w[0]) > 0.9 + 0.24]
+    if layout.stairwell is not None:
+        stairs = box(*layout.stairwell).buffer(WALL)
+        walls = [w for w in walls if not stairs.contains(Point((w[0] + w[1]) / 2))]
     if not walls:
         return False
     p, q = max(walls, key=lambda w: float(np.linalg.norm(w[1] - w[0])))
@@ -116,7 +150,11 @@ def add_windows(layout: Layout, index: int, room: Room, rng: np.random.Generator
     if room.category == "corridor":
         return
     edges = sorted(outer_edges(layout, index), key=lambda e: -float(np.linalg.norm(e[1] - e[0])))
-    wanted = 3 if room.category in LIVING else {"bedroom": 2, "kitchen": 1, "bath": 1, "study": 1}[room.category]
+    wanted = (
+        3
+        if room.category in LIVING
+        else {"bedroom": 2, "kitchen": 1, "bath": 1, "study": 1, "dining": 2, "utility": 1}[room.category]
+    )
     for p, q in edges[:2]:
         length = float(np.linalg.norm(q - p))
         d = (q - p) / length

@@ -48,7 +48,7 @@ class Placer:
                 inside &= contains_xy(self.shapes[index], xx, yy)
             floor |= inside
             self.room_of[inside] = index
-        self.doors: list[Rect] = []  # free zones of doors and entrance
+        self.doors: list[Rect] = []  # free zones of doors, entrance and stairs
         for o in layout.openings:
             d, at = np.abs(np.array(o.direction)), np.array(o.at)
             across = d[::-1]
@@ -58,8 +58,11 @@ class Placer:
             if o.kind == "door":
                 gap = d * o.width / 2 + across * (WALL / 2 + CELL)
                 floor |= self._cells_near((*(at - gap), *(at + gap)), 0.0)
+        self.doors += layout.kept_free
         # cells where the centre of the robot can be
         self.free = ndimage.distance_transform_edt(floor) * CELL > AGENT_RADIUS + CELL
+        for item in layout.objects:  # stairs
+            self.free &= ~self._cells_near(item.footprint, AGENT_RADIUS + CELL)
 
     def _cells_near(self, rect: Rect, grow: float) -> np.ndarray:
         """Return the cells whose centre is within ``grow`` metres of a rectangle, (rows, cols) bool."""

@@ -9,6 +9,7 @@ import numpy as np
 from shapely.geometry import Point
 
 from autonerf_lab.scenes.layout import WALL, Layout, Opening
+from autonerf_lab.scenes.stairs import cut_out, slab_edges
 
 REVEAL = 0.16  # metres from the inner face of an outer wall to the window pane
 TRIM = 0.065  # metres, width of the face of a door frame
@@ -19,9 +20,12 @@ def structure_parts(layout: Layout) -> list[dict]:
     """Return all parts of the building."""
     parts: list[dict] = []
     for index, room in enumerate(layout.rooms):
-        for x0, y0, x1, y1 in floor_rects(layout, index):
-            parts.append({"quad": [[x1 - x0, 0, 0], [0, y1 - y0, 0]], "at": [x0, y0, 0], "m": f"floor{index}"})
-            parts.append({"quad": [[0, y1 - y0, 0], [x1 - x0, 0, 0]], "at": [x0, y0, layout.height], "m": "ceiling"})
+        for rect in floor_rects(layout, index):
+            for x0, y0, x1, y1 in cut_out([rect], layout.stairwell if layout.storey else None):
+                parts.append({"quad": [[x1 - x0, 0, 0], [0, y1 - y0, 0]], "at": [x0, y0, 0], "m": f"floor{index}"})
+            for x0, y0, x1, y1 in cut_out([rect], None if layout.storey else layout.stairwell):
+                u, v = [0, y1 - y0, 0], [x1 - x0, 0, 0]
+                parts.append({"quad": [u, v], "at": [x0, y0, layout.height], "m": "ceiling"})
         for p, q in room.edges():
             parts += _wall(layout, index, p, q)
     for number, opening in enumerate(layout.openings):
@@ -31,7 +35,7 @@ def structure_parts(layout: Layout) -> list[dict]:
             parts += _window(layout, opening, number)
         else:
             parts += _entrance(opening)
-    return parts
+    return parts + slab_edges(layout)
 
 
 def floor_rects(layout: Layout, index: int) -> list[tuple[float, float, float, float]]:

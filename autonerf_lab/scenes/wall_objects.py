@@ -46,9 +46,10 @@ def furnish_walls(placer: Placer, room: int, category: str, rng: np.random.Gener
             model = objects.clock(rng)
             if placer.along_wall(model, room, rng, "free", away=0.002, tries=25, ignore_doors=True) is not None:
                 break
-    if category in (*LIVING, "kitchen", "study", "bedroom") and rng.random() < 0.55:
+    if category in (*LIVING, "kitchen", "study", "bedroom", "utility") and rng.random() < 0.55:
         placer.along_wall(objects.wall_shelf(rng), room, rng, "free", away=0.001, tries=10)
-    wanted = {**dict.fromkeys(LIVING, 6), "bedroom": 4, "study": 3, "corridor": 5, "kitchen": 2, "bath": 1}[category]
+    wanted = {**dict.fromkeys(LIVING, 6), "bedroom": 4, "study": 3, "corridor": 5, "kitchen": 2, "bath": 1,
+              "dining": 4, "utility": 0}[category]  # fmt: skip
     for _ in range(int(rng.integers(max(1, wanted - 1), wanted + 1)) if wanted else 0):
         widest = float(pick(rng, 0.4, 0.6, 0.9))
         placer.along_wall(objects.picture(rng, widest), room, rng, "free", away=0.001, tries=8, ignore_doors=True)

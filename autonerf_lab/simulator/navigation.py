@@ -25,6 +25,7 @@ _SPAN = 0.25  # metres, widest gap in the floor that the robot crosses
 _MARGIN = 0.2  # metres around the scene, so that every obstacle has a cell on its far side
 _SUBSTEP = 0.01  # metres, step of the collision test
 _MAX_SIDE = 8000  # cells, 200 m
+_BLOCK = 1 << 18  # faces at once: bounds the memory for a large mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +94,9 @@ def build_navigation(scene: Scene, radius: float = AGENT_RADIUS) -> NavigationGr
             f"scene {scene.name!r} is {(high - low).max():.0f} m long, the limit is {_MAX_SIDE * CELL:.0f} m;"
             " scale it to metres"
         )
-    triangles = scene.vertices[scene.faces].astype(np.float64)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    level = np.abs(normals[:, 2]) > _SLOPE * np.linalg.norm(normals, axis=1)
+    level = np.concatenate(
+        [_is_level(scene, scene.faces[i : i + _BLOCK]) for i in range(0, max(1, len(scene.faces)), _BLOCK)]
+    )
 
     def cells_between(faces: np.ndarray, z_min: float, z_max: float) -> np.ndarray:
         return occupied_cells(scene.vertices, scene.faces[faces], z_min, z_max, low, CELL, shape)
@@ -117,6 +118,14 @@ def build_navigation(scene: Scene, radius: float = AGENT_RADIUS) -> NavigationGr
         raise SceneError(f"scene {scene.name!r} has no floor area for a robot of {radius} m radius")
     largest = 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
     return NavigationGrid(regions == largest, distance, low, CELL, radius)
+
+
+def _is_level(scene: Scene, faces: np.ndarray) -> np.ndarray:
+    """Return (F,) bool: the faces on whose slope the robot can drive."""
+    triangles = scene.vertices[faces].astype(np.float64)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    level: np.ndarray = np.abs(normals[:, 2]) > _SLOPE * np.linalg.norm(normals, axis=1)
+    return level
 
 
 @njit(cache=True)

@@ -42,10 +42,14 @@ class _SceneGeometry:
     def __init__(self, scene: Scene) -> None:
         self.navigation: NavigationGrid = build_navigation(scene)
         self.triangles = np.ascontiguousarray(scene.vertices[scene.faces], dtype=np.float32)
-        self.chunks = chunk_bounds(self.triangles)
         # Face -1 (no surface) reads the last entry.
         self.classes = np.append(scene.face_class, 0).astype(np.uint8)
         self.instances = np.append(scene.face_instance, 0).astype(np.int32)
+
+    @cached_property
+    def chunks(self) -> np.ndarray:
+        """Bounds of chunks of faces for rasterisation; a large mesh is cast instead, and needs none."""
+        return chunk_bounds(self.triangles)
 
     @cached_property
     def caster(self) -> RayCaster:

@@ -48,14 +48,19 @@ def scene_gloss(scene: Scene) -> Gloss:
     rooms = [
         Polygon(room["polygon"]).buffer(0.15) for room in scene.spec["rooms"]
     ]  # include the wall: window lights are inside it
+    floors = [room.get("z", 0.0) for room in scene.spec["rooms"]]
+    ends = [-np.inf, *(z - 0.15 for z in sorted(set(floors))[1:]), np.inf]  # between the floors of the building
+    levels = [ends[k : k + 2] for k in (sorted(set(floors)).index(z) for z in floors)]
     middle = scene.vertices[scene.faces].mean(axis=1)
     room = np.full(len(scene.faces), -1, np.int32)
     rows: list[list[float]] = []
     first = [0]
     for k, shape in enumerate(rooms):
-        room[contains_xy(shape, middle[:, 0], middle[:, 1])] = k
+        low, high = levels[k]
+        room[contains_xy(shape, middle[:, 0], middle[:, 1]) & (middle[:, 2] >= low) & (middle[:, 2] < high)] = k
         for light in scene.spec["lights"]:
-            if not contains_xy(shape.buffer(0.15), light["at"][0], light["at"][1]):
+            x, y, z = light["at"]
+            if not (contains_xy(shape.buffer(0.15), x, y) and low <= z < high):
                 continue
             lamp = light["kind"] == "lamp"
             strength = light["power"] * (LAMP_STRENGTH if lamp else WINDOW_STRENGTH)

@@ -6,7 +6,7 @@ import tempfile
 
 import numpy as np
 import pytest
-from toy_scene import two_rooms
+from toy_scene import empty_room, two_rooms
 
 from autonerf_lab.data.trajectory import load_trajectory
 from autonerf_lab.errors import PolicyError, SceneError, UnknownNameError, WrongTypeError
@@ -144,9 +144,24 @@ def test_invalid_arguments_are_refused():
         explore(sim, steps=0)
     with pytest.raises(SceneError, match="cannot stand"):
         explore(sim, steps=3, pose=planar_pose(0.7, 2.5, 0.0), progress=False)
-    with pytest.raises(
-        SceneError, match=r"its map ends at 1.0 m; use a larger map \(map_size=, --map-size; now 40 cells\)"
-    ):
-        explore(sim, Square(), steps=3, pose=planar_pose(2, 1, 0.0), progress=False, map_size=40)
     with pytest.raises(WrongTypeError, match="it is a class; pass an instance"):
         explore(sim, Square, steps=3, progress=False)
+
+
+def test_the_map_grows_with_the_scene():
+    """On a map of 32 m, the robot explores a room of 40 m as well as on one that contains it."""
+    sim = Simulator(empty_room(40.0, 2.0), CAMERA, rgb=False)
+    small, large = (
+        explore(sim, "frontier", steps=90, pose=planar_pose(2.0, 1.0, 0.0), progress=False, map_size=size)
+        for size in (640, 960)
+    )
+    assert min(run.poses[:, 0, 3].max() for run in (small, large)) > 18
+    assert small.meta["explored_m2"][-1] == pytest.approx(large.meta["explored_m2"][-1], rel=0.05)
+
+
+@pytest.mark.parametrize("policy", ["frontier", "frontier-classic", "random-waypoints", "modular-obs", "e2e-cov"])
+def test_every_kind_of_policy_goes_on_when_its_map_grows(policy):
+    sim = Simulator(empty_room(20.0, 20.0), CAMERA, rgb=False)
+    trajectory = explore(sim, policy, steps=60, pose=planar_pose(10, 10, 0.0), progress=False, map_size=200)
+    assert len(trajectory) == 60 and trajectory.meta["path_m"][-1] > 2
+    assert policy == "e2e-cov" or np.abs(trajectory.poses[:, :2, 3] - 10).max() + 5 > 6.5  # it has seen the border

@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 from toy_scene import empty_room, two_rooms
 
+from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import Intrinsics, planar_pose, world_to_cell
-from autonerf_lab.mapping import Mapper, empty_map, update
+from autonerf_lab.mapping import Mapper, empty_map, semantic_map, update
+from autonerf_lab.mapping.semantic_map import GROWTH
 from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Observation
@@ -199,3 +201,35 @@ def test_the_mapper_equals_update():
                 np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
         observation = sim.step(action)
     assert not start.explored.any() and known.explored.sum() > 500
+
+
+@pytest.mark.parametrize(("depth", "cells"), [(2.9, 60), (3.1, 60 + 2 * GROWTH)])
+def test_a_map_grows_for_points_farther_than_its_border(depth, cells):
+    """The map ends 1.5 m before the camera; it grows for points more than 1.5 m beyond."""
+    observation = _one_pixel(depth, 32, label=1)
+    mapper = Mapper(empty_map(planar_pose(0, 0, 0), 60), Intrinsics.from_fov(65, 65), grows=True)
+    before, after = mapper.add(observation)
+    assert before.explored.shape == after.explored.shape == (cells, cells)
+    np.testing.assert_allclose(after.origin, -cells * after.cell / 2)
+    assert after.semantics[0].sum() == (cells > 60)
+
+
+def test_a_grown_map_equals_a_large_one():
+    sim = Simulator(load_scene("train-01"), Intrinsics.from_fov(24, 24), rgb=False)
+    observation = sim.reset(seed=3)
+    maps = [Mapper(empty_map(observation.pose, size), sim.intrinsics, grows=True) for size in (80, 80 + 2 * GROWTH)]
+    for action in [0, 1, 1, 0, 0, 2, 0, 0, 2, 2, 0, 0, 0, 0, 1, 0, 0]:
+        small, large = (mapper.add(observation)[1] for mapper in maps)
+        observation = sim.step(action)
+    assert small.explored.shape == large.explored.shape
+    first = np.s_[..., GROWTH:-GROWTH, GROWTH:-GROWTH]  # only points outside of it may be missing, until seen again
+    for name in ("occupied", "explored", "visited", "semantics", "viewpoints"):
+        np.testing.assert_array_equal(getattr(small, name)[first], getattr(large, name)[first])
+        assert not (getattr(small, name) & ~getattr(large, name)).any()
+
+
+def test_a_map_does_not_grow_without_end(monkeypatch):
+    monkeypatch.setattr(semantic_map, "LIMIT", 300)
+    mapper = Mapper(empty_map(planar_pose(0, 0, 0), 60), Intrinsics.from_fov(65, 65), grows=True)
+    with pytest.raises(SceneError, match="would exceed 15 m a side; check the scale of the scene"):
+        mapper.add(_one_pixel(3.1, 32))
