@@ -125,6 +125,7 @@ class Grid:
         from autonerf_lab.policies import POLICIES, make_policy
         from autonerf_lab.policies import available as available_policies
         from autonerf_lab.scenes import scene_names
+        from autonerf_lab.scenes.library import SPLITS
 
         learned = {kind: [n for n in POLICIES if n.startswith(kind + "-")] for kind in ("modular", "e2e")}
         groups = {"all": [*POLICIES], "paper": [*PAPER_POLICIES]} | {k: v for k, v in learned.items() if v}
@@ -133,8 +134,8 @@ class Grid:
             if not is_path(policy) and ":" not in policy and policy not in available_policies():
                 raise UnknownNameError("policy", policy, [*available_policies(), *groups])
             make_policy(policy)
-        splits = {split: scene_names(split) for split in ("train", "dev", "val", "house")}
-        splits["all"] = [*splits["train"], *splits["dev"], *splits["val"]]  # the apartments of the protocol
+        splits = {split: scene_names(split) for split in SPLITS}
+        splits["all"] = [*splits["train"], *splits["dev"], *splits["val"]]
         scenes = _expand(self.scenes, splits)
         for scene in scenes:
             if is_path(scene):

@@ -42,7 +42,7 @@ class BenchRunCommand:
     ] = None
     scenes: Annotated[
         str | None,
-        option(metavar="A,B", help="Names, files, or: all, train, dev, val.", default="val"),
+        option(metavar="A,B", help="Names, files, or: all, train, dev, val, test, house.", default="val"),
     ] = None
     starts: Annotated[int | None, option(metavar="N", help="Number of start poses per scene.", default="5")] = None
     models: Annotated[

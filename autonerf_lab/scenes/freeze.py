@@ -39,10 +39,14 @@ def mesh_sha256(scene: Scene) -> str:
 def seed_of(name: str) -> int:
     """Return the generator seed of a frozen scene; the seeds of the splits are disjoint.
 
+    Those of the test apartments are the first 32 bits of the SHA-256 of their names, so that nobody chose them.
+
     Example:
-        >>> seed_of("dev-3"), seed_of("train-24")
-        (2003, 1024)
+        >>> seed_of("dev-3"), seed_of("train-24"), seed_of("test-00")
+        (2003, 1024, 2752247044)
     """
+    if name.startswith("test-"):
+        return int(hashlib.sha256(name.encode()).hexdigest()[:8], 16)
     split, number = name.split("-")
     return FIRST_SEED[split] + int(number)
 
@@ -78,7 +82,7 @@ def freeze(target: Path, names: Sequence[str] | None = None, thumbnails: bool = 
             "rooms": len(spec["rooms"]),
             "objects": len(scene.instances),
         }
-        if thumbnails:
+        if thumbnails and not name.startswith("test-"):  # nobody looks at these before the final evaluation
             jpeg = io.BytesIO()
             Image.fromarray(top_view(scene, 32.0)[0]).save(jpeg, "JPEG", quality=88)
             write_bytes(target / "thumbnails" / f"{name}.jpg", jpeg.getvalue())

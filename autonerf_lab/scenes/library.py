@@ -12,11 +12,11 @@ from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.spec import read_spec
 from autonerf_lab.utils.storage import read_json
 
-SPLITS = {"train": 25, "dev": 5, "val": 5, "house": 5}
+SPLITS = {"train": 25, "dev": 5, "val": 5, "test": 20, "house": 5}
 
 
 def scene_names(split: str | None = None) -> list[str]:
-    """Return the names of the frozen scenes, of all splits or of one (train, dev, val, house).
+    """Return the names of the frozen scenes, of all splits or of one (train, dev, val, test, house).
 
     Raises:
         UnknownNameError: There is no such split.
@@ -25,12 +25,12 @@ def scene_names(split: str | None = None) -> list[str]:
         >>> scene_names("val")
         ['val-0', 'val-1', 'val-2', 'val-3', 'val-4']
         >>> len(scene_names())
-        40
+        60
     """
     if split is not None and split not in SPLITS:
         raise UnknownNameError("split", split, SPLITS)
     wanted = SPLITS if split is None else {split: SPLITS[split]}
-    return [f"{name}-{k:02d}" if name == "train" else f"{name}-{k}" for name, n in wanted.items() for k in range(n)]
+    return [f"{name}-{k:02d}" if n > 10 else f"{name}-{k}" for name, n in wanted.items() for k in range(n)]
 
 
 def folder() -> Path:

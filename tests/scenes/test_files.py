@@ -28,7 +28,7 @@ def test_unknown_name_lists_the_valid_names() -> None:
     with pytest.raises(UnknownNameError, match=r"unknown scene 'val-7'; valid names: dev-0, .*val-4"):
         load_scene("val-7")
     with pytest.raises(UnknownNameError, match="unknown split"):
-        scene_names("test")
+        scene_names("exam")
 
 
 def test_specification_round_trip(tmp_path: Path) -> None:

@@ -43,8 +43,8 @@ def test_other_seed_other_apartment(apartment: Scene) -> None:
 
 def test_splits_have_disjoint_seeds() -> None:
     seeds = [seed_of(name) for name in scene_names()]
-    assert len(set(seeds)) == len(seeds) == 40
-    assert set(FIRST_SEED) == {"train", "dev", "val", "house"}
+    assert len(set(seeds)) == len(seeds) == 60
+    assert {*FIRST_SEED, "test"} == {*SPLITS}
 
 
 def test_shapes_and_ranges(apartment: Scene) -> None:
