@@ -10,6 +10,7 @@ from autonerf_lab.scenes.build import build
 from autonerf_lab.scenes.freeze import FIRST_SEED, mesh_sha256, seed_of
 from autonerf_lab.scenes.generator import STAGES, generate_spec
 from autonerf_lab.scenes.layout import Layout
+from autonerf_lab.scenes.library import SPLITS
 from autonerf_lab.scenes.spec import dumps
 from autonerf_lab.scenes.tessellation import MARGIN, pack, tessellate
 
