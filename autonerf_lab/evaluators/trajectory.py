@@ -6,7 +6,7 @@ field was trained on other poses than the true ones.
 
 from typing import TYPE_CHECKING
 
-from autonerf_lab.evaluators.aligned import true_poses
+from autonerf_lab.evaluators.aligned import AlignedField, true_poses
 from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
 from autonerf_lab.localization.alignment import align, trajectory_errors
@@ -46,7 +46,7 @@ class TrajectoryTask(Task):
         source = str(field.meta.get("pose_source", "true"))
         if source == "true":
             return TaskResult(dict.fromkeys(names), {}, dict.fromkeys(names, "the training poses are the true ones"))
-        poses = getattr(field, "field", field).poses  # before alignment
+        poses = (field.field if isinstance(field, AlignedField) else field).poses  # before alignment
         estimated, true = to_planar(poses), true_poses(field.meta, len(poses))
         errors = trajectory_errors(estimated, true)
         values: dict[str, float | None] = {
