@@ -248,7 +248,7 @@ def test_groups_of_names_are_expanded():
     assert [cell.name for cell in custom.cells()] == [
         "dev-0_autonerf_lab.policies.frontier-Frontier_0_semantic-nerfacto"
     ]
-    assert len(paper_grid().policies) == 10 and paper_grid().starts == 5
+    assert len(paper_grid().policies) == 11 and paper_grid().starts == 5
 
 
 def test_failed_cell_starts_from_scratch_and_killed_cell_continues(tmp_path):
