@@ -8,6 +8,7 @@ from . import planning as planning
 from . import policies as policies
 from . import rewards as rewards
 from . import viz as viz
+from .bundle_adjustment import refine_poses as refine_poses
 from .config import Preset as Preset
 from .config import preset as preset
 from .data.dataset import Dataset as Dataset

@@ -269,6 +269,21 @@ def planar_from_pose(c2w: np.ndarray) -> tuple[float, float, float]:
     return float(c2w[0, 3]), float(c2w[1, 3]), float(np.arctan2(-c2w[1, 2], -c2w[0, 2]))
 
 
+def is_planar(poses: np.ndarray) -> bool:
+    """Return True if (T, 4, 4) cameras differ only in x, y and a rotation about z, within 0.1 mm and 0.1 mrad.
+
+    Example:
+        >>> poses = np.stack([planar_pose(0, 0, 0), planar_pose(1, 2, 0.5)])
+        >>> is_planar(poses)
+        True
+        >>> poses[1, 2, 3] += 0.01
+        >>> is_planar(poses)
+        False
+    """
+    fixed = poses[:, 2]  # height, and the direction of world z in the camera frame
+    return bool((np.abs(fixed - fixed[:1]) < 1e-4).all())
+
+
 def wrap_angle(angle: float) -> float:
     """Return the equivalent angle in [-pi, pi).
 

@@ -28,6 +28,7 @@ from autonerf_lab.cli.mesh import MeshCommand
 from autonerf_lab.cli.options import option
 from autonerf_lab.cli.play import PlayCommand
 from autonerf_lab.cli.point_cloud import PointCloudCommand
+from autonerf_lab.cli.refine_poses import RefinePosesCommand
 from autonerf_lab.cli.report import ReportCommand
 from autonerf_lab.cli.rewards import RewardsCommand
 from autonerf_lab.cli.scenes import ScenesCommand
@@ -47,6 +48,7 @@ class CommandLine:
         Annotated[DemoCommand, subcommand("demo")]
         | Annotated[ScenesCommand, subcommand("scenes")]
         | Annotated[ExploreCommand, subcommand("explore")]
+        | Annotated[RefinePosesCommand, subcommand("refine-poses")]
         | Annotated[PlayCommand, subcommand("play")]
         | Annotated[FitCommand, subcommand("fit")]
         | Annotated[EvaluateCommand, subcommand("evaluate")]

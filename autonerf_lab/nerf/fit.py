@@ -124,6 +124,7 @@ def fit(
             if log is not None:
                 log.close()
         poses = data.poses if built.pose_offsets is None else built.pose_offsets.corrected(data.poses, frame.unit)
+        built.set_progress(1.0)
         visibility = _visibility(built, pixels, data.metric, seed)
     except (MemoryError, torch.OutOfMemoryError) as error:
         raise TrainingError(
@@ -199,7 +200,7 @@ def _train(
             share = state.step / settings.steps if seconds is None else state.seconds / seconds
             if share >= 1:
                 break
-            train_step(state, pixels, learning_rate(share, settings))
+            train_step(state, pixels, share)
             bar.update()
             if state.step % 20 == 0:
                 bar.set_postfix_str(f"PSNR {state.psnr:.1f} dB")
@@ -209,8 +210,8 @@ def _train(
                 callback(state.step, state.model)
 
 
-def train_step(state: TrainingState, pixels: PixelSampler, rate: float) -> None:
-    """Update the model by one batch of pixels, at a learning rate.
+def train_step(state: TrainingState, pixels: PixelSampler, share: float) -> None:
+    """Update the model by one batch of pixels, at a share of the training from 0 to 1.
 
     A batch with a loss or gradient that is not finite is skipped. After :data:`PATIENCE` skipped batches in a row, the
     state returns to its last snapshot with half of the learning rate.
@@ -221,6 +222,7 @@ def train_step(state: TrainingState, pixels: PixelSampler, rate: float) -> None:
     model = state.model
     if state.step % SNAPSHOT_EVERY == 0 and not state.failures:
         state.take_snapshot()
+    model.set_progress(share)
     chosen = pixels.sample(model.settings.rays, state.rng, model.settings.rays_by_class)
     rays = pixels.rays(chosen)
     gradients, losses = model.train_step(rays, pixels.targets(chosen), state.rng)
@@ -242,8 +244,8 @@ def train_step(state: TrainingState, pixels: PixelSampler, rate: float) -> None:
             state.restore_snapshot()
         return
     state.failures = 0
-    rate *= state.rate_scale
-    state.optimizer.step(gradients, {name: rate * model.rate_factor(name) for name in gradients})
+    rates = model.learning_rates(state.rate_scale * learning_rate(share, model.settings), share)
+    state.optimizer.step(gradients, rates)
     decibel = float(-10 * np.log10(max(losses["mse"], 1e-10)))
     state.psnr = 0.98 * state.psnr + 0.02 * decibel if state.losses else decibel
     state.losses = losses

@@ -19,7 +19,7 @@ import torch
 
 from autonerf_lab.errors import DeviceError, UnknownNameError
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
-from autonerf_lab.nerf.pose_offsets import PoseOffsets
+from autonerf_lab.nerf.pose_offsets import PoseOffsets, level_weights, pose_rate
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
@@ -102,6 +102,14 @@ class DepthGuidedSampler(Protocol):
         """Take in the measured depth of the training images."""
 
 
+@runtime_checkable
+class CoarseToFineField(Protocol):
+    """A field whose fine details can be faded in, so that rough poses can be refined."""
+
+    def set_level_weights(self, weights_at: Callable[[int], np.ndarray]) -> None:
+        """Weight the levels of the encoding; ``weights_at`` returns the weights for a number of levels."""
+
+
 class Model:
     """A field and a sampler, trained and used together.
 
@@ -128,11 +136,23 @@ class Model:
         self.state = sampler.state
         self.losses: dict[str, float] = {}
 
-    def rate_factor(self, name: str) -> float:
-        """Return the learning rate of a parameter as a multiple of the scheduled rate."""
-        if name in PoseOffsets.RATES:
-            return PoseOffsets.RATES[name]
-        return getattr(self.settings, "table_rate", 1.0) if name.endswith("table") else 1.0
+    def learning_rates(self, rate: float, share: float) -> dict[str, float]:
+        """Return the learning rate of each parameter.
+
+        Args:
+            rate: scheduled rate of the networks.
+            share: completed share of the training, 0 to 1.
+        """
+        table = rate * getattr(self.settings, "table_rate", 1.0)
+        rates = {name: table if name.endswith("table") else rate for name in self.parameters}
+        if self.pose_offsets is not None:
+            rates |= dict.fromkeys(self.pose_offsets.parameters, pose_rate(share))
+        return rates
+
+    def set_progress(self, share: float) -> None:
+        """Prepare for a training step at a share of the training: with pose offsets, levels are faded in."""
+        if self.pose_offsets is not None and isinstance(self.field, CoarseToFineField):
+            self.field.set_level_weights(lambda levels: level_weights(levels, share))
 
     def train_step(self, rays: Rays, targets: Targets, rng: np.random.Generator) -> tuple[Arrays, dict[str, float]]:
         """Return the gradients by parameter name and the mean losses of a batch.

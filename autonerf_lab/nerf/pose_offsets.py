@@ -1,4 +1,9 @@
-"""Learned corrections of the training poses (``refine_cameras``; off by default)."""
+"""Learned corrections of the training poses (``refine_cameras``; off by default), coarse to fine.
+
+A fine hash level has a different random value in every cell, and its gradient points to the right pose only within a
+cell. So the levels are faded in one after the other while the poses settle (BAA-NGP, Liu et al. 2023; BARF, Lin et al.
+2021), and the learning rate of the poses falls.
+"""
 
 from dataclasses import replace
 from typing import ClassVar
@@ -7,6 +12,34 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from autonerf_lab.nerf.ray_batch import Rays, TrainOutput
+
+FIRST_RATE, FINAL_RATE = 1e-3, 1e-5  # learning rates, field units and radians
+FADE_FROM, FADE_UNTIL = 0.1, 0.5  # shares of the training between which the levels are faded in
+
+
+def pose_rate(share: float) -> float:
+    """Return the learning rate of the poses at a share of the training: exponential decay.
+
+    Example:
+        >>> [round(pose_rate(share), 6) for share in (0, 0.5, 1)]
+        [0.001, 0.0001, 1e-05]
+    """
+    return FIRST_RATE * (FINAL_RATE / FIRST_RATE) ** share
+
+
+def level_weights(levels: int, share: float) -> np.ndarray:
+    """Return the (levels,) float32 weights of the hash levels at a share of the training; the first is always 1.
+
+    Example:
+        >>> level_weights(4, 0.25).round(2)
+        array([1. , 0.5, 0. , 0. ], dtype=float32)
+        >>> level_weights(4, 0.5)
+        array([1., 1., 1., 1.], dtype=float32)
+    """
+    opened = (share - FADE_FROM) / (FADE_UNTIL - FADE_FROM) * levels
+    weights = (1 - np.cos(np.pi * np.clip(opened - np.arange(levels), 0, 1))) / 2
+    weights[0] = 1
+    return weights.astype(np.float32)
 
 
 class PoseOffsets:
@@ -19,11 +52,10 @@ class PoseOffsets:
         count: number of training poses.
     """
 
-    RATES: ClassVar = {"camera_rotation": 0.1, "camera_shift": 0.1}  # multiples of the field's learning rate
     PENALTY: ClassVar = {"camera_rotation": 1e-3, "camera_shift": 1e-2}
 
     def __init__(self, count: int) -> None:
-        self.parameters = {name: np.zeros((count, 3), np.float32) for name in self.RATES}
+        self.parameters = {name: np.zeros((count, 3), np.float32) for name in self.PENALTY}
 
     def rotations(self) -> np.ndarray:
         """Return the (T, 3, 3) float32 rotation matrices."""

@@ -73,7 +73,7 @@ class Trainer:
 
     def step(self) -> dict[str, float]:
         """Do one training step of ``fit`` at the initial learning rate, and return the losses."""
-        train_step(self.state, self.pixels, self.settings.learning_rate)
+        train_step(self.state, self.pixels, self.settings.warmup)
         return self.state.losses
 
     def copy_state(self, other: "Trainer") -> None:

@@ -14,6 +14,7 @@ so that callers may pass any number of rays. The same field in torch: :mod:`auto
 """
 
 import math
+from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
@@ -85,6 +86,12 @@ class HashField:
         self._values = values
         self._encoder = HashEncoder(grid, box, values["table"])
         self._buffer = Buffers()
+        self._feature_weights: np.ndarray | None = None  # (2 L,) of the encoded features
+
+    def set_level_weights(self, weights_at: Callable[[int], np.ndarray]) -> None:
+        """Weight the levels of the table; see :class:`~autonerf_lab.nerf.model.CoarseToFineField`."""
+        weights = np.repeat(weights_at(self.settings.levels), 2)
+        self._feature_weights = None if (weights == 1).all() else weights
 
     def train(
         self, rays: Rays, samples: Samples, targets: Targets, rng: np.random.Generator, ray_gradients: bool
@@ -173,6 +180,8 @@ class HashField:
     def _matrices(self, semantic: bool = True) -> fused.FieldMatrices:
         """Return the weight matrices; without ``semantic``, those of a field that has no semantic network."""
         matrices = fused.FieldMatrices(*(self._values[name] for name in fused.FieldMatrices._fields))
+        if self._feature_weights is not None:  # columns of the first layer instead of features: the same products
+            matrices = matrices._replace(density_0=matrices.density_0 * self._feature_weights)
         if semantic:
             return matrices
         return matrices._replace(semantic_0=matrices.semantic_0[:0], semantic_1=matrices.semantic_1[:0, :0])
@@ -207,6 +216,8 @@ class HashField:
             d_features, weights, color, sums,
         )  # fmt: skip
         summed = {name: value.sum(axis=0) for name, value in gradients._asdict().items()}
+        if self._feature_weights is not None:
+            summed["density_0"] *= self._feature_weights
         return x, enc, d_features, weights, color, sums, summed
 
     def _direction_features(self, directions: np.ndarray, frames: np.ndarray | None) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Hash encoding and small networks in torch: reference of :mod:`autonerf_lab.nerf.fields.hash_field`, and for CUDA."""
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 
@@ -31,13 +33,18 @@ class TorchHashField(TorchField):
     ) -> None:
         self.grid, self.box = build_grid(settings, box), box
         super().__init__(settings, initial_parameters(settings, self.grid, frames, classes, rng), device)
+        self._feature_weights = self.tensor(np.ones(2 * settings.levels, np.float32))
+
+    def set_level_weights(self, weights_at: Callable[[int], np.ndarray]) -> None:
+        """Weight the levels of the table; see :class:`~autonerf_lab.nerf.model.CoarseToFineField`."""
+        self._feature_weights = self.tensor(np.repeat(weights_at(self.settings.levels), 2))
 
     def forward(
         self, points: torch.Tensor, directions: torch.Tensor, frames: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Evaluate the networks at points on rays; see the base class."""
         p = self.parameters
-        x = hash_encode(self.box.contract_tensor(points).flatten(0, 1), p["table"], self.grid)
+        x = hash_encode(self.box.contract_tensor(points).flatten(0, 1), p["table"], self.grid) * self._feature_weights
         geometry = (torch.relu(x @ p["density_0"].T) @ p["density_1"].T).unflatten(0, points.shape[:2])
         features = spherical_harmonics(directions)
         if not self.settings.view_dependent:

@@ -1,0 +1,113 @@
+"""Refinement of rough poses: drift of a small trajectory, photographs, uncertainty, and data that cannot be refined."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from autonerf_lab.bundle_adjustment import describe_refinement, pose_deviations, refine_poses
+from autonerf_lab.bundle_adjustment.adjustment import SPATIAL, moved
+from autonerf_lab.bundle_adjustment.refine import with_mean
+from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.data.trajectory import Trajectory
+from autonerf_lab.errors import DataError
+from autonerf_lab.exploration import explore
+from autonerf_lab.geometry import Intrinsics, is_planar, planar_from_pose, planar_pose, rotation_angle
+from autonerf_lab.scenes import load_scene
+from autonerf_lab.simulator import Simulator
+from autonerf_lab.simulator.motion_noise import MotionNoise
+
+CAMERA = Intrinsics.from_fov(128, 128)
+FRAMES = 60
+
+
+def drift(poses: np.ndarray, size: float = 0.08, turn: float = 0.02) -> np.ndarray:
+    """Return planar poses with a smooth drift of about ``size`` metres and ``turn`` radians, and 3 mm of noise."""
+    t = np.linspace(0, 2 * np.pi, len(poses))
+    waves = np.stack([np.sin(t), 1 - np.cos(0.7 * t), np.sin(0.6 * t)], axis=1) * [size, size, turn]
+    waves[1:] += np.random.default_rng(0).normal(0, [0.003, 0.003, 0.001], (len(poses) - 1, 3))
+    return np.stack([planar_pose(*(planar_from_pose(p) + w)) for p, w in zip(poses, waves, strict=True)])
+
+
+@pytest.fixture(scope="module")
+def trajectory() -> Trajectory:
+    sim = Simulator(load_scene("train-00"), CAMERA, 1, noise=MotionNoise(odometry=False), depth_noise="redwood")
+    exact = explore(sim, "frontier", steps=FRAMES, seed=1, progress=False)
+    return replace(exact, pose_source="true", other_poses={}).with_poses("estimated", drift(exact.poses))
+
+
+@pytest.fixture(scope="module")
+def refined(trajectory: Trajectory) -> Trajectory:
+    return refine_poses(trajectory, progress=False)
+
+
+def errors(views: Trajectory | Dataset, true: np.ndarray) -> tuple[float, float]:
+    """Return the root mean squares of the position errors, metres, and of the rotation errors, radians."""
+    distance = np.linalg.norm(views.poses[:, :3, 3] - true[:, :3, 3], axis=1)
+    return float(np.sqrt((distance**2).mean())), float(np.sqrt((rotation_angle(views.poses, true) ** 2).mean()))
+
+
+def test_the_drift_of_a_robot_shrinks_to_millimetres(trajectory: Trajectory, refined: Trajectory) -> None:
+    true = trajectory.pose_sources["true"]
+    before, after = errors(trajectory, true), errors(refined, true)
+    assert before[0] > 0.1 and before[1] > 0.01
+    assert after[0] < 0.015 and after[1] < 0.003
+    assert is_planar(refined.poses)
+    assert_allclose(refined.poses[0], trajectory.poses[0], atol=1e-6)
+    assert list(refined.pose_sources) == ["true", "estimated", "refined"] and refined.pose_source == "refined"
+    text = describe_refinement(trajectory, refined)
+    assert "corrections: " in text and "standard deviation: " in text
+
+
+def test_refinement_repeats_bit_for_bit_and_leaves_the_input_alone(trajectory: Trajectory, refined: Trajectory) -> None:
+    before = trajectory.poses.copy()
+    again = refine_poses(trajectory, progress=False)
+    assert (again.poses == refined.poses).all() and (trajectory.poses == before).all()
+    assert "refined_covariance" not in trajectory.meta
+
+
+def test_uncertainty_grows_with_blind_frames(trajectory: Trajectory, refined: Trajectory) -> None:
+    """Ten frames without depth and with black images: odometry alone carries their poses."""
+    assert trajectory.depth is not None
+    depth, rgb = trajectory.depth.copy(), trajectory.rgb.copy()
+    depth[20:30], rgb[20:30] = 0, 0
+    blind = refine_poses(replace(trajectory, depth=depth, rgb=rgb), progress=False)
+    position, rotation = pose_deviations(blind)
+    seen, _ = pose_deviations(refined)
+    assert (position > 0).all() and (rotation > 0).all() and seen.max() < 0.01
+    assert position[20:30].min() > 2 * seen[20:30].max()
+    assert position[24] > 1.3 * max(position[20], position[29])
+    assert (
+        errors(blind, trajectory.pose_sources["true"])[0] < 0.5 * errors(trajectory, trajectory.pose_sources["true"])[0]
+    )
+
+
+def test_photographs_with_depth_in_any_order_and_scale(trajectory: Trajectory) -> None:
+    """Independent noise of 3 cm and 1 degree in all six directions; units of 10 cm and another origin."""
+    rng, true = np.random.default_rng(1), trajectory.pose_sources["true"]
+    order = rng.permutation(FRAMES)
+    noise = rng.normal(0, [0.03] * 3 + [0.017] * 3, (FRAMES, 6))
+    poses = moved(true, noise, SPATIAL)[order]
+    assert trajectory.depth is not None
+    views = Dataset.from_trajectory(replace(trajectory, poses=poses, rgb=trajectory.rgb[order]))
+    depths = [10 * trajectory.depth[t] for t in order]
+    poses[:, :3, 3] = 10 * poses[:, :3, 3] + 50
+    found = refine_poses(replace(views, poses=poses, depths=depths, metric=False), progress=False)
+    assert found.pose_source == "refined" and not is_planar(found.poses)
+    wanted = true[order]
+    wanted[:, :3, 3] = 10 * wanted[:, :3, 3] + 50
+    before = errors(replace(views, poses=poses), wanted)
+    after = errors(replace(found, poses=with_mean(found.poses, wanted)), wanted)
+    assert after[0] < 0.4 * before[0] and after[1] < 0.4 * before[1]
+    assert pose_deviations(found)[0].shape == (FRAMES,)
+
+
+def test_too_few_overlapping_views_are_one_clear_error(trajectory: Trajectory) -> None:
+    with pytest.raises(DataError, match="0 of 60 views overlap with another one at their rough poses"):
+        refine_poses(replace(trajectory, depth=np.zeros_like(trajectory.depth)), progress=False)
+    one = Dataset.from_trajectory(trajectory)._take([0])
+    with pytest.raises(DataError, match="1 view: poses are refined against other views; two or more"):
+        refine_poses(one, progress=False)
+    with pytest.raises(DataError, match="no covariance: they were not refined"):
+        pose_deviations(trajectory)
