@@ -16,7 +16,7 @@ from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, TrainingError
-from autonerf_lab.geometry import planar_from_pose
+from autonerf_lab.geometry import is_planar, planar_from_pose
 from autonerf_lab.nerf.checkpoint import TrainingState
 from autonerf_lab.nerf.frame import SPREAD, FieldFrame, inliers
 from autonerf_lab.nerf.model import DepthGuidedSampler, Model, ModelSpec, check_device
@@ -110,6 +110,8 @@ def fit(
     classes = 0 if data.semantics is None else NUM_CLASSES
     try:
         built = spec.build(settings, box, len(data), classes, rng, device)
+        if built.pose_offsets is not None:
+            built.pose_offsets.planar = is_planar(data.poses)
         pixels = PixelSampler(data, frame)
         if isinstance(built.sampler, DepthGuidedSampler):
             built.sampler.observe(pixels)

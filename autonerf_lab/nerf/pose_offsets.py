@@ -50,11 +50,15 @@ class PoseOffsets:
 
     Args:
         count: number of training poses.
+
+    Attributes:
+        planar: the poses differ in x, y and heading only, and so do their corrections.
     """
 
     PENALTY: ClassVar = {"camera_rotation": 1e-3, "camera_shift": 1e-2}
 
     def __init__(self, count: int) -> None:
+        self.planar = False
         self.parameters = {name: np.zeros((count, 3), np.float32) for name in self.PENALTY}
 
     def rotations(self) -> np.ndarray:
@@ -88,6 +92,8 @@ class PoseOffsets:
         found["camera_rotation"] = np.einsum("tji,tj->ti", jacobians, found["camera_rotation"]).astype(np.float32)
         for name, value in self.parameters.items():
             found[name] += (2 * self.PENALTY[name] / len(value)) * value
+        if self.planar:
+            found["camera_shift"][:, 2], found["camera_rotation"][:, :2] = 0, 0
         return found
 
 

@@ -15,6 +15,7 @@ COMMANDS = (
     "demo",
     "scenes",
     "explore",
+    "refine-poses",
     "play",
     "fit",
     "evaluate",

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from autonerf_lab.nerf.fields.hash_field import HashField
+from autonerf_lab.nerf.fields.hash_field import HashField, build_grid
 from autonerf_lab.nerf.fields.torch_field import RenderedTensors
 from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
 from autonerf_lab.nerf.kernels import dense, volume_rendering
 from autonerf_lab.nerf.kernels.volume_rendering import LOG_SIGMA_START, SurfaceProfile, surface_error
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import semantic_nerfacto
+from autonerf_lab.nerf.pose_offsets import level_weights
 from autonerf_lab.nerf.ray_batch import Rays, Samples, Targets
 from autonerf_lab.nerf.samplers.occupancy import OccupancySampler, TorchOccupancySampler
 from autonerf_lab.nerf.scene_box import SceneBox
@@ -63,6 +64,27 @@ def test_training_step_agrees_with_autograd(options: dict) -> None:
     assert gradients.keys() == expected_gradients.keys()
     for name, wanted in expected_gradients.items():
         assert np.abs(gradients[name] - wanted.numpy()).max() <= 2e-3 * wanted.abs().max(), name
+
+
+def test_faded_levels_agree_with_autograd_and_closed_ones_do_not_matter() -> None:
+    """After a quarter of the training, one level is on, one half way, and two are closed."""
+    kernels, reference = small_models()
+    rays, targets = some_rays()
+    for model in (kernels, reference):
+        model.field.set_level_weights(lambda levels: level_weights(levels, 0.25))
+    expected_gradients, _ = reference.train_step(rays, targets, np.random.default_rng(5))
+    gradients, losses = kernels.train_step(rays, targets, np.random.default_rng(5))
+    for name, wanted in expected_gradients.items():
+        assert np.abs(gradients[name] - wanted.numpy()).max() <= 2e-3 * wanted.abs().max(), name
+    closed = build_grid(SETTINGS, BOX).offsets[2]
+    table = kernels.parameters["table"]
+    assert np.abs(gradients["table"][:closed]).max() > 0 and not gradients["table"][closed:].any()
+    table[closed:] += 1
+    for value in gradients.values():
+        value[...] = 0
+    assert kernels.train_step(rays, targets, np.random.default_rng(5))[1] == losses
+    kernels.field.set_level_weights(lambda levels: level_weights(levels, 1.0))
+    assert kernels.train_step(rays, targets, np.random.default_rng(5))[1] != losses
 
 
 def test_a_field_without_classes_agrees_with_autograd() -> None:
