@@ -100,7 +100,7 @@ class Grid:
     noise: str | None = None  # model of the noise of motion and odometry; None: exact
     noise_scale: float | None = None  # factor of this noise
     depth_noise: str | None = None  # model of the noise of depth images; None: exact
-    poses: str | None = None  # pose source of policy and field: odometry, estimated or true; None: odometry
+    poses: str | None = None  # pose source: odometry, estimated, refined or true; None: odometry
 
     def cells(self) -> list[Cell]:
         """Return all cells, scene by scene."""

@@ -63,7 +63,11 @@ NoiseScale = Annotated[float | None, option(metavar="X", help="Factor of this no
 DepthNoiseName = Annotated[str | None, option(metavar="NAME", help="Noise of depth images: redwood.", default="none")]
 PosesName = Annotated[
     str | None,
-    option(metavar="NAME", help="Poses that the policy sees: odometry, estimated or true.", default="odometry"),
+    option(
+        metavar="NAME",
+        help="Poses that the policy sees: odometry, estimated or true; refined: estimated, refined after the episode.",
+        default="odometry",
+    ),
 ]
 
 

@@ -83,7 +83,7 @@ def _check_poses(poses: str | None) -> None:
         from autonerf_lab.data.pose_sources import check_source
         from autonerf_lab.exploration.rollout import POSES
 
-        check_source(poses, POSES)
+        check_source(poses, (*POSES, "refined"))
 
 
 def run_pipeline(

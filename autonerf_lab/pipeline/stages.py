@@ -23,6 +23,7 @@ def _scene(context: StageContext) -> None:
 
 
 def _explore(context: StageContext) -> None:
+    from autonerf_lab.bundle_adjustment import refine_poses
     from autonerf_lab.exploration import explore
     from autonerf_lab.exploration.rollout import MAP_SIZE
     from autonerf_lab.pipeline.figures import draw_trajectory
@@ -32,10 +33,14 @@ def _explore(context: StageContext) -> None:
     config, size = context.run.config, context.preset
     noise = motion_noise(config.noise, config.noise_scale)
     sim = Simulator.from_preset(context.scene, size, noise, config.depth_noise)
-    explore(
+    refined = config.poses == "refined"  # the policy acts on the estimate, which is refined after the episode
+    trajectory = explore(
         sim, config.policy, steps=size.episode_steps, seed=config.seed, map_size=config.map_size or MAP_SIZE,
-        poses=config.poses or "odometry",
-    ).save(context.run / "trajectory")  # fmt: skip
+        poses="estimated" if refined else config.poses or "odometry",
+    )  # fmt: skip
+    if refined:
+        trajectory = refine_poses(trajectory)
+    trajectory.save(context.run / "trajectory")
     draw_trajectory(context.run / "figures", context.scene, context.trajectory, context.options.figures)
 
 
