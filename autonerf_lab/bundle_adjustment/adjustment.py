@@ -42,7 +42,7 @@ class Noise:
     brightness: float = 0.02
 
 
-MEASURED = Noise()  # depth cameras
+MEASURED = Noise()
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,6 @@ def adjust(
     rough: np.ndarray,
     planar: bool,
     rng: np.random.Generator,
-    noise: Noise = MEASURED,
     progress: bool = False,
 ) -> Adjusted:
     """Adjust the poses of range images.
@@ -85,7 +84,6 @@ def adjust(
         rough: (T, 4, 4) camera-to-world, with errors of up to about 0.3 m and 5 degrees between frames that overlap.
         planar: move cameras along x and y and turn them about z only.
         rng: choice of pairs.
-        noise: of depth and brightness.
         progress: show a progress bar.
 
     Raises:
@@ -93,7 +91,7 @@ def adjust(
     """
     axes = PLANAR if planar else SPATIAL
     poses, sigmas = rough.copy(), FIRST_SIGMAS
-    distance_noise = np.array([noise.distance, noise.distance_growth])
+    distance_noise = np.array([MEASURED.distance, MEASURED.distance_growth])
     total = sum(len(stage.gates) for stage in STAGES)
     with tqdm(total=total, disable=not progress, desc="refine poses", unit="step") as bar:
         for stage in STAGES:
@@ -102,7 +100,7 @@ def adjust(
                 rows = np.empty((len(pairs), ROW))
                 register(
                     pairs, poses, images.camera, images.surface, images.normals, images.brightness, stage.stride, gate,
-                    distance_noise, noise.brightness if gate <= _BRIGHTNESS_GATE else 0.0, rows,
+                    distance_noise, MEASURED.brightness if gate <= _BRIGHTNESS_GATE else 0.0, rows,
                 )  # fmt: skip
                 equations = Equations(len(poses), axes)
                 equations.add_pairs(pairs, SHARED_NOISE * rows, poses)

@@ -8,7 +8,8 @@ from autonerf_lab.bundle_adjustment.kernels import fit_planes
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.geometry import Intrinsics
 
-SIDE = 64  # pixels; the longer side of a range image is at least this, and less than twice as long
+SIDE = 64  # pixels; the longer side of a range image of a large image is at least this, and less than twice as long
+LEAST_STEP = 2  # pixels; depth images often repeat pixels, because they have half of the resolution
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # brightness of red, green and blue (ITU-R BT.601)
 
 
@@ -40,7 +41,7 @@ def range_images(data: Dataset) -> RangeImages:
     """
     assert data.depths is not None
     longest = max(max(camera.width, camera.height) for camera in data.intrinsics)
-    step = max(1, longest // SIDE)
+    step = max(LEAST_STEP, longest // SIDE)
     sizes = [(-(-camera.height // step), -(-camera.width // step)) for camera in data.intrinsics]
     shape = (len(data), max(size[0] for size in sizes), max(size[1] for size in sizes))
     depth, brightness = np.zeros(shape, np.float32), np.zeros(shape, np.float32)

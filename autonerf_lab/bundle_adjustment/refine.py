@@ -7,20 +7,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from autonerf_lab import config
-from autonerf_lab.bundle_adjustment.adjustment import MEASURED, Adjusted, Noise, adjust
+from autonerf_lab.bundle_adjustment.adjustment import Adjusted, adjust
+from autonerf_lab.bundle_adjustment.color import adjust_by_color
 from autonerf_lab.bundle_adjustment.range_images import range_images
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import is_planar, rotation_angle
-from autonerf_lab.nerf.fit import fit
-from autonerf_lab.nerf.models import model_spec
 
 Views = TypeVar("Views", Trajectory, Dataset)
 COVARIANCE_KEY = "refined_covariance"  # in the metadata
 _TYPICAL_DEPTH = 2.0  # metres; images of unknown scale are scaled to this median depth
-COLOR_MODEL = "semantic-nerfacto"  # the field that renders depth where none was measured
-RENDERED = Noise(distance=0.03, distance_growth=0.03)  # depth that a field renders, beside that of a camera
 
 
 def refine_poses(
@@ -38,8 +35,7 @@ def refine_poses(
     measured agree, and the relative motions of the rough poses are kept within their noise, which is estimated. Errors
     of up to about 30 cm and 5 degrees between images that overlap are corrected. No field is trained.
 
-    **Colour alone.** A field is trained while its poses are refined (``refine_cameras``), coarse to fine; then its
-    rendered depth takes the place of the measured one, with little weight beside the brightness.
+    **Colour alone.** A field is trained while its poses are refined (``refine_cameras``), coarse to fine.
 
     A trajectory keeps its first pose. The refined poses of a dataset have the mean position and orientation of the
     rough ones, because none is better known than another.
@@ -72,12 +68,10 @@ def refine_poses(
         raise DataError(f"{len(data)} view: poses are refined against other views; two or more are needed")
     data.check()
     planar = is_planar(data.poses) if planar is None else planar
-    rng = np.random.default_rng(seed)
     if data.depths is None:
-        data = _with_rendered_depth(data, preset, steps, seed, progress)
-        found = _adjusted(data, planar, rng, RENDERED, progress)
+        found = adjust_by_color(data, planar, preset, steps, seed, progress)
     else:
-        found = _adjusted(data, planar, rng, MEASURED, progress)
+        found = _adjusted_by_depth(data, planar, np.random.default_rng(seed), progress)
     meta = {**views.meta, COVARIANCE_KEY: found.covariances.tolist()}
     if isinstance(views, Trajectory):
         first = views.poses[0] @ np.linalg.inv(found.poses[0])
@@ -85,18 +79,7 @@ def refine_poses(
     return replace(views, poses=with_mean(found.poses, views.poses), meta=meta, pose_source="refined")
 
 
-def _with_rendered_depth(
-    data: Dataset, preset: str | config.Preset | None, steps: int | None, seed: int, progress: bool
-) -> Dataset:
-    """Train a field while its poses are refined; return these, with the depth that the field renders there."""
-    name = config.preset(preset).name
-    settings = replace(model_spec(COLOR_MODEL).settings_for(name), refine_cameras=True)
-    nerf = fit(data, COLOR_MODEL, name, settings=settings, steps=steps, seed=seed, progress=progress)
-    depths = [nerf.render(*view).depth for view in zip(nerf.poses, data.intrinsics, strict=True)]
-    return replace(data, poses=nerf.poses, depths=depths)
-
-
-def _adjusted(data: Dataset, planar: bool, rng: np.random.Generator, noise: Noise, progress: bool) -> Adjusted:
+def _adjusted_by_depth(data: Dataset, planar: bool, rng: np.random.Generator, progress: bool) -> Adjusted:
     """Adjust the poses of images with depth, in units in which their depth is that of a room."""
     assert data.depths is not None
     depth = np.concatenate([layer[layer > 0] for layer in data.depths])
@@ -104,7 +87,7 @@ def _adjusted(data: Dataset, planar: bool, rng: np.random.Generator, noise: Nois
     poses = data.poses.copy()
     poses[:, :3, 3] /= unit
     images = range_images(replace(data, depths=[layer / np.float32(unit) for layer in data.depths]))
-    found = adjust(images, poses, planar, rng, noise, progress)
+    found = adjust(images, poses, planar, rng, progress)
     found.poses[:, :3, 3] *= unit
     lengths = [unit] * 2 + [1.0] if planar else [unit] * 3 + [1.0] * 3
     return Adjusted(found.poses, found.covariances * np.outer(lengths, lengths))

@@ -191,6 +191,11 @@ def test_pose_sources_of_exploration_and_training(tmp_path, monkeypatch):
         run_pipeline(tmp_path, policy="random", last="explore", **(noise | {"poses": "true"}))
     with pytest.raises(UnknownNameError, match="pose source 'gps'"):
         run_pipeline(tmp_path, poses="gps")
+    refined = noise | {"poses": "refined"}
+    run_pipeline(tmp_path / "b", policy="random", last="explore", options=pipeline.StageOptions(figures=()), **refined)
+    pipeline.run_stage(tmp_path / "b", "fit", "instant-ngp")
+    assert used[-1].pose_source == "refined"
+    assert list(used[-1].pose_sources) == ["true", "odometry", "estimated", "refined"]
 
 
 def test_poses_of_fit_belong_to_a_run_or_to_photographs(tmp_path, capsys):
