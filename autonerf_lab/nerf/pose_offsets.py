@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from autonerf_lab.nerf.ray_batch import Rays, TrainOutput
 
-FIRST_RATE, FINAL_RATE = 1e-3, 1e-5  # learning rates, field units and radians
+FIRST_RATE, FINAL_RATE = 3e-3, 3e-5  # learning rates, field units and radians; higher than published for fewer steps
 FADE_FROM, FADE_UNTIL = 0.1, 0.5  # shares of the training between which the levels are faded in
 
 
@@ -22,7 +22,7 @@ def pose_rate(share: float) -> float:
 
     Example:
         >>> [round(pose_rate(share), 6) for share in (0, 0.5, 1)]
-        [0.001, 0.0001, 1e-05]
+        [0.003, 0.0003, 3e-05]
     """
     return FIRST_RATE * (FINAL_RATE / FIRST_RATE) ** share
 
