@@ -21,6 +21,7 @@ from autonerf_lab.course.exercises import (
     exploration,
     hash_encoding,
     image_metrics,
+    localization,
     mapping,
     meshes,
     photographs,
@@ -38,7 +39,7 @@ from autonerf_lab.errors import UnknownNameError
 
 _NOTEBOOKS = (
     *(tour, apartments, mapping, exploration, rewards, ppo, volume_rendering, hash_encoding),
-    *(image_metrics, planning, pose_refinement, meshes, statistics, photographs),
+    *(image_metrics, planning, pose_refinement, meshes, statistics, photographs, localization),
 )
 
 EXERCISES: dict[str, Exercise] = {exercise.name: exercise for module in _NOTEBOOKS for exercise in module.EXERCISES}
