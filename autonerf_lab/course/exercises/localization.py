@@ -48,6 +48,10 @@ AFTER = Exercise(
             "The rotation has the wrong sign: forward is (cos, sin) and left is (-sin, cos).",
             lambda pose, motion: after(pose * [1, 1, -1], motion * [1, 1, -1]) * [1, 1, -1],
         ),
+        Mistake(
+            "Left has the wrong sign: at heading 0, left is +y.",
+            lambda pose, motion: after(pose, motion * [1, -1, 1]),
+        ),
     ),
 )
 
@@ -74,6 +78,10 @@ ROW = Exercise(
         Mistake(
             "The seen point moves with the robot, so that the first two entries are the normal itself, not minus.",
             lambda normal, point, position: row(normal, point, position) * [-1, -1, 1],
+        ),
+        Mistake(
+            "The entry of the heading is missing: a turn moves points that are far from the robot.",
+            lambda normal, point, position: row(normal, position, position),
         ),
     ),
 )
