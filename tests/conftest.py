@@ -26,6 +26,7 @@ SLOW = (
         "evaluators/test_finetuning.py",
     ),
     *("evaluators/test_navigation.py", "evaluators/test_upstream.py", "evaluators/test_walls.py"),
+    "bundle_adjustment/test_refine.py",
 )
 
 
