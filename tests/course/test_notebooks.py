@@ -68,7 +68,7 @@ def test_missing_jupyterlab_names_the_extra(tmp_path, monkeypatch):
 
 def test_copy_only(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(notebooks, "PACKAGES", {})
-    for count in ("14 notebooks copied, 0 kept", "0 notebooks copied, 14 kept (see --overwrite)"):
+    for count in ("15 notebooks copied, 0 kept", "0 notebooks copied, 15 kept (see --overwrite)"):
         assert cli.main(["course", "start", str(tmp_path / "course"), "--copy-only"]) == 0
         assert capsys.readouterr().out == f"{tmp_path / 'course'}: {count}\n"
 
