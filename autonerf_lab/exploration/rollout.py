@@ -97,6 +97,8 @@ def explore(
     for t in tqdm(range(steps), desc=f"explore {sim.scene.name} ({name})", disable=not progress, unit="step"):
         measured[t], true_poses[t] = observation.pose, sim.pose
         rgb[t], depth[t], semantics[t] = observation.rgb, observation.depth, observation.semantics
+        if confidence is not None and observation.confidence is not None:
+            confidence[t] = np.rint(255 * observation.confidence)
         if estimator is not None:
             observation = replace(observation, pose=estimator.c2w)
             spread.append(estimator.standard_deviations)
@@ -137,7 +139,7 @@ def explore(
         "waypoints": waypoints,
     }
     noisy = sim.noise.actuation or sim.noise.odometry
-    trajectory = Trajectory(measured, rgb, depth, semantics, sim.intrinsics, meta)
+    trajectory = Trajectory(measured, rgb, depth, semantics, sim.intrinsics, meta, confidence=confidence)
     if noisy:
         trajectory = replace(trajectory, pose_source="odometry", other_poses={"true": true_poses})
     if estimator is not None:
