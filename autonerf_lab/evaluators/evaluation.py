@@ -78,7 +78,8 @@ def evaluate(
         preset: settings of the tasks.
         seed: random seed of test poses, planning episodes, random pixels and mesh samples.
         tasks: names in :data:`~autonerf_lab.evaluators.TASKS`, or of installed packages. Default: all built-in tasks
-            that are not optional, and ``trajectory`` for a field trained on other poses than the true ones.
+            that are not optional, ``trajectory`` for a field trained on other poses than the true ones, and
+            ``segmentation`` for one trained on predicted labels.
             ``navigation`` (minutes) and ``finetuning`` (hours) run only if they are named.
         progress: show a progress bar.
         trajectory: training data of the field. With it, ``scores.baselines["nearest_view"]`` holds the rendering scores
