@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import autonerf_lab as lab
-from autonerf_lab.benchmark.statistics import difference, interval
+from autonerf_lab.benchmark.statistics import Interval, difference, interval
 from autonerf_lab.classes import CLASS_NAMES, NUM_CLASSES
 from autonerf_lab.config import preset
 from autonerf_lab.evaluators import Scores
@@ -32,6 +32,11 @@ SHOWN = (
     ("rendering", "miou"),
     ("planning", "objectgoal_success"),
 )
+
+
+def text(found: Interval) -> str:
+    """Format a mean and its interval; a single scene has none."""
+    return str(found) if found.scenes > 1 else f"{found.mean:.1f}"
 
 
 def class_iou(confusion: np.ndarray) -> np.ndarray:
@@ -82,7 +87,7 @@ def compare_fields(by_scene: Mapping[str, dict[str, Scores]], source: str) -> di
             scores = {scene: of(s) for scene, s in by_scene.items()}
             known = [s for s in scores if (task, metric) in {(row.task, row.metric) for row in scores[s]}]
             runs = {scene: [scores[scene][task, metric]] for scene in known}
-            cells.append(f"{str(interval(runs)) if runs else '':>20}")
+            cells.append(f"{text(interval(runs)) if runs else '':>20}")
             if runs:
                 found[f"{metric}_{title.split()[0]}"] = round(interval(runs).mean, 2)
         print(f"{task + ': ' + metric:<34}" + "".join(cells))
@@ -102,7 +107,7 @@ def compare_fields(by_scene: Mapping[str, dict[str, Scores]], source: str) -> di
         }
         if runs["frames"]:
             means = "".join(f"{interval(values).mean:>10.1f}" for values in runs.values())
-            print(f"{CLASS_NAMES[k]:<20}{means}{difference(runs['field'], runs['frames'])!s:>20}")
+            print(f"{CLASS_NAMES[k]:<20}{means}{text(difference(runs['field'], runs['frames'])):>20}")
     return found
 
 
@@ -128,7 +133,7 @@ def main() -> None:
         runs[name], times = values, [*times, 1000 * seconds]
         print(f"{name:<12}{values[0]:>10.1f}{values[1]:>12.1f}{values[2]:>12.1f}{values[3]:>10.1f}{times[-1]:>12.1f}")
     columns = [interval({name: [values[k]] for name, values in runs.items()}) for k in range(4)]
-    print(f"{'mean':<12}" + "".join(f"{found!s:>14}" for found in columns))
+    print(f"{'mean':<12}" + "".join(f"{text(found):>14}" for found in columns))
     result = {"frame_ms": round(float(np.median(times)), 2), "calibration_error": round(total.calibration_error, 4)}
     result |= dict(
         zip(("miou", "per_class_accuracy", "precision", "recall"), (round(c.mean, 2) for c in columns), strict=True)
