@@ -19,7 +19,7 @@ from autonerf_lab.scenes.generator import generate_spec
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.utils.storage import read_arrays, write_arrays
 
-FIRST_SEED = 10_000_000  # of fresh apartments; the frozen scenes have seeds below 10,000
+FIRST_SEED = 10_000_000  # of fresh apartments; no frozen scene has such a seed
 HELD_OUT = 20_000_000  # first seed of the apartments that measure and calibrate a training
 _NEAR, _FAR = 0.7, 4.5  # metres to an object that a pose looks at
 _TRIES = 12  # poses tried for an object
