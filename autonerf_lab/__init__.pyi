@@ -7,6 +7,7 @@ from . import nerf as nerf
 from . import planning as planning
 from . import policies as policies
 from . import rewards as rewards
+from . import segmentation as segmentation
 from . import viz as viz
 from .bundle_adjustment import refine_poses as refine_poses
 from .config import Preset as Preset

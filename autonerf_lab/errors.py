@@ -52,6 +52,10 @@ class PolicyError(AutoNerfError, RuntimeError):
     """A policy that raised, or chose no action, during an episode."""
 
 
+class SegmenterError(AutoNerfError, RuntimeError):
+    """A segmenter that raised, or returned no labels, during an episode."""
+
+
 class RunFolderError(AutoNerfError, RuntimeError):
     """A run folder whose content does not allow the command."""
 

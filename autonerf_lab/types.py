@@ -29,6 +29,7 @@ class Observation:
     pose: np.ndarray  # (4, 4) float64, camera-to-world by odometry; for a policy, of the pose source it acts on
     collided: bool = False  # an obstacle stopped or deflected the last action
     step: int = 0  # actions taken since the start of the episode
+    confidence: np.ndarray | None = None  # (H, W) float32 in [0, 1], of predicted semantics; None: they are true
 
 
 @dataclass(frozen=True)

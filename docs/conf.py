@@ -36,6 +36,7 @@ PAGES = {
     "evaluator_plugin": "examples/evaluator_plugin/README.md",
     "policy_plugin": "examples/policy_plugin/README.md",
     "reward_plugin": "examples/reward_plugin/README.md",
+    "segmenter_plugin": "examples/segmenter_plugin/README.md",
 }
 _PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 

@@ -36,12 +36,15 @@ def grid_fingerprint(grid: Grid, lpips: str | None = None) -> dict[str, Any]:
     from autonerf_lab.nerf.models import available
     from autonerf_lab.policies import weights_sha256
     from autonerf_lab.scenes.library import folder
+    from autonerf_lab.segmentation import segmenter_sha256
 
     weights = {label(policy): weights_sha256(policy) for policy in grid.policies} | {LPIPS: lpips}
     if "finetuning" in grid.optional:
         from autonerf_lab.evaluators.finetuning import PRETRAINED
 
         weights[POINTGOAL] = weights_sha256(str(PRETRAINED))
+    if grid.semantics is not None:
+        weights[f"segmenter {label(grid.semantics)}"] = segmenter_sha256(grid.semantics)
     files = {name: Path(name) if is_path(name) else folder() / f"{name}.json" for name in grid.scenes}
     models, size = available(), asdict(preset(grid.preset))
     if "finetuning" not in grid.optional:

@@ -13,6 +13,7 @@ from typing import Any
 from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError, WrongTypeError
 from autonerf_lab.pipeline.context import SCAN_SUFFIXES
+from autonerf_lab.segmentation import segmenter_source
 
 PAPER_POLICIES = (
     "random", "frontier-classic", "frontier", "e2e-cov", "e2e-cur", "e2e-nov", "e2e-rec",
@@ -20,7 +21,7 @@ PAPER_POLICIES = (
 )  # fmt: skip
 
 
-CONDITIONS = ("noise", "noise_scale", "depth_noise", "poses")  # of the exploration
+CONDITIONS = ("noise", "noise_scale", "depth_noise", "poses", "semantics")  # of the exploration
 
 
 @dataclass(frozen=True)
@@ -37,13 +38,14 @@ class Cell:
     noise_scale: float | None = None  # factor of this noise
     depth_noise: str | None = None  # model of the noise of depth images
     poses: str | None = None  # pose source; None: odometry
+    semantics: str | None = None  # source of the classes that the robot sees; None: the simulator
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "optional", tuple(self.optional))  # a list if read from JSON
 
     @property
     def conditions(self) -> dict[str, Any]:
-        """Noise and pose source that are set, by name."""
+        """Noise, pose source and source of the classes that are set, by name."""
         values = {key: getattr(self, key) for key in CONDITIONS}
         return {key: value for key, value in values.items() if value is not None}
 
@@ -56,7 +58,7 @@ class Cell:
             ...      poses="estimated").condition
             'noise ans, depth noise redwood, poses estimated'
         """
-        return ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in self.conditions.items())
+        return ", ".join(f"{key.replace('_', ' ')} {label(str(value))}" for key, value in self.conditions.items())
 
     @property
     def variant(self) -> str:
@@ -75,7 +77,7 @@ class Cell:
         """
         parts = [label(self.scene), label(self.policy), str(self.start), self.model]
         if self.condition:
-            parts.append("-".join(str(value) for value in self.conditions.values()))
+            parts.append("-".join(label(str(value)) for value in self.conditions.values()))
         return "_".join(re.sub(r"[^\w.+-]", "-", part) for part in parts)
 
 
@@ -101,6 +103,7 @@ class Grid:
     noise_scale: float | None = None  # factor of this noise
     depth_noise: str | None = None  # model of the noise of depth images; None: exact
     poses: str | None = None  # pose source: odometry, estimated, refined or true; None: odometry
+    semantics: str | None = None  # source of the classes: true, predicted, noisy or a segmenter; None: true
 
     def cells(self) -> list[Cell]:
         """Return all cells, scene by scene."""
@@ -151,12 +154,15 @@ class Grid:
             if task not in optional_tasks():
                 raise UnknownNameError("optional task", task, optional_tasks())
         check_arguments(**{key: getattr(self, key) for key in CONDITIONS})
+        source = segmenter_source(self.semantics)
         if "finetuning" in self.optional:
             _check_finetuning()
         if self.starts < 1:
             raise DataError(f"starts must be at least 1, not {self.starts}")
         size, optional = preset(self.preset).name, tuple(dict.fromkeys(self.optional))
-        grid = replace(self, policies=policies, scenes=scenes, models=models, preset=size, optional=optional)
+        grid = replace(
+            self, policies=policies, scenes=scenes, models=models, preset=size, optional=optional, semantics=source
+        )
         names = [cell.name for cell in grid.cells()]
         if not names:
             raise DataError("the grid has no cell: give at least one policy, one scene and one model")

@@ -206,7 +206,7 @@ def _conditions(
     other: Row | None = None,
 ) -> Table:
     """Return a table with one row per metric, and two conditions side by side; ``other``: row of the second."""
-    plain_rows = [row for row in found.rows if row not in found.noisy]
+    plain_rows = [row for row in found.rows if row not in found.noisy | found.predicted]
     row = next((row for row in plain_rows if row[0] == OURS), next(iter(plain_rows), None))
     lines = []
     for metric in metrics:
@@ -227,9 +227,12 @@ def _conditions(
 
 def _semantics(found: ResultsTable) -> Table:
     title = "Semantics of the simulator and predicted semantics"
+    rows = [row for row in found.rows if row in found.predicted]
+    other = next((row for row in rows if row[0] == OURS), next(iter(rows), None))
     note = "Predicted semantics: not measured; cells use the semantics of the simulator."
+    note = note if other is None else f"Predicted semantics: {other[0]}, {other[1]}."
     conditions = ("simulator", "predicted")
-    return _conditions(found, "semantics", title, paper.PREDICTED_METRICS, paper.PREDICTED, conditions, note)
+    return _conditions(found, "semantics", title, paper.PREDICTED_METRICS, paper.PREDICTED, conditions, note, other)
 
 
 def _noise(found: ResultsTable) -> Table:

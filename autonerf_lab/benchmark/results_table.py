@@ -27,6 +27,7 @@ class ResultsTable:
     cell_count: int  # of the grids
     preset: str = ""  # name of the preset
     noisy: frozenset[Row] = frozenset()  # rows with noise of motion or depth
+    predicted: frozenset[Row] = frozenset()  # rows without noise, whose classes are not those of the simulator
 
     @property
     def rows(self) -> list[Row]:
@@ -110,6 +111,7 @@ def load_results_table(*folders: Results) -> ResultsTable:
     values: dict[Row, dict[Episode, dict[Key, float | None]]] = {}
     outcomes: list[Outcome] = []
     noisy: set[Row] = set()
+    predicted: set[Row] = set()
     for results in folders:
         before = {(row, episode) for row in episodes for episode in episodes[row]}
         for cell in results.grid.cells():
@@ -121,6 +123,8 @@ def load_results_table(*folders: Results) -> ResultsTable:
                 )
             if cell.noise or cell.depth_noise:
                 noisy.add(row)
+            elif cell.semantics:
+                predicted.add(row)
             episodes.setdefault(row, []).append(episode)
             values.setdefault(row, {})
         for outcome in results.outcomes():
@@ -129,7 +133,9 @@ def load_results_table(*folders: Results) -> ResultsTable:
                 scores = {(score.task, score.metric): score.value for score in outcome.scores}
                 values[_row(outcome)][label(outcome.cell.scene), outcome.cell.start] = scores
     cell_count = sum(len(results.grid.cells()) for results in folders)
-    return ResultsTable(episodes, values, outcomes, cell_count, next(iter(presets), ""), frozenset(noisy))
+    return ResultsTable(
+        episodes, values, outcomes, cell_count, next(iter(presets), ""), frozenset(noisy), frozenset(predicted)
+    )
 
 
 def scores_frame(outcomes: Sequence[Outcome]) -> pd.DataFrame:

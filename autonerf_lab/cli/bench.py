@@ -16,6 +16,7 @@ from autonerf_lab.cli.options import (
     OptionalTasks,
     PosesName,
     PresetName,
+    SemanticsName,
     option,
     split_names,
 )
@@ -62,6 +63,7 @@ class BenchRunCommand:
     noise_scale: NoiseScale = None
     depth_noise: DepthNoiseName = None
     poses: PosesName = None
+    semantics: SemanticsName = None
     workers: Annotated[int, option(help="Number of worker processes; 0: run in this process.")] = 1
     scheduler: Annotated[
         str | None, option(metavar="ADDRESS", help="Address of a dask.distributed scheduler that runs the cells.")

@@ -33,6 +33,7 @@ from autonerf_lab.cli.report import ReportCommand
 from autonerf_lab.cli.rewards import RewardsCommand
 from autonerf_lab.cli.scenes import ScenesCommand
 from autonerf_lab.cli.train_policy import TrainPolicyCommand
+from autonerf_lab.cli.train_segmentation import TrainSegmentationCommand
 from autonerf_lab.cli.video import VideoCommand
 from autonerf_lab.cli.view import ViewCommand
 from autonerf_lab.errors import AutoNerfError
@@ -61,6 +62,7 @@ class CommandLine:
         | Annotated[VideoCommand, subcommand("video")]
         | Annotated[ViewCommand, subcommand("view")]
         | Annotated[TrainPolicyCommand, subcommand("train-policy")]
+        | Annotated[TrainSegmentationCommand, subcommand("train-segmentation")]
         | Annotated[BenchCommand, subcommand("bench")]
         | Annotated[CourseCommand, subcommand("course")]
         | Annotated[RewardsCommand, subcommand("rewards")]

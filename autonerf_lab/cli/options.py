@@ -70,6 +70,15 @@ PosesName = Annotated[
     ),
 ]
 
+SemanticsName = Annotated[
+    str | None,
+    option(
+        metavar="NAME",
+        help="Source of the classes: true, predicted, noisy, a .safetensors file, or mask-rcnn:FILE.",
+        default="true",
+    ),
+]
+
 
 @dataclass(frozen=True)
 class ExplorationOptions:
@@ -98,6 +107,7 @@ class ExplorationOptions:
     noise_scale: NoiseScale = None
     depth_noise: DepthNoiseName = None
     poses: PosesName = None
+    semantics: SemanticsName = None
 
     def overrides(self) -> dict[str, Any]:
         """Return the arguments for :func:`autonerf_lab.pipeline.run_pipeline`."""
@@ -111,6 +121,7 @@ class ExplorationOptions:
             "noise_scale": self.noise_scale,
             "depth_noise": self.depth_noise,
             "poses": self.poses,
+            "semantics": self.semantics,
         }
 
 

@@ -44,6 +44,7 @@ class Dataset:
     masks: list[np.ndarray] | None = None  # T arrays (H_t, W_t) bool, True: the pixel is used; None: all are
     pose_source: str = "true"  # of ``poses``, see :class:`~autonerf_lab.data.trajectory.Trajectory`
     true_poses: np.ndarray | None = None  # (T, 4, 4), if they are known and ``poses`` are others
+    confidences: list[np.ndarray] | None = None  # T arrays (H_t, W_t) uint8, of predicted semantics, 255 = certain
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -67,6 +68,7 @@ class Dataset:
             True,
             pose_source=trajectory.pose_source,
             true_poses=trajectory.other_poses.get("true"),
+            confidences=None if trajectory.confidence is None else list(trajectory.confidence),
         )
 
     def check(self) -> None:
@@ -78,7 +80,7 @@ class Dataset:
         for t, (c2w, camera, name) in enumerate(zip(self.poses, self.intrinsics, self.names, strict=True)):
             if not (np.abs(c2w[:3, :3] @ c2w[:3, :3].T - np.eye(3)) < 1e-3).all() or not np.isfinite(c2w).all():
                 raise DataError(f"{name}: the pose is not a rigid camera-to-world pose of finite numbers")
-            for layer in (self.images, self.semantics, self.depths, self.masks):
+            for layer in (self.images, self.semantics, self.depths, self.masks, self.confidences):
                 if layer is not None and layer[t].shape[:2] != (camera.height, camera.width):
                     height, width = layer[t].shape[:2]
                     size = f"{camera.width}x{camera.height}"
@@ -140,6 +142,7 @@ class Dataset:
             semantics=self.semantics and [self.semantics[t] for t in frames],
             depths=self.depths and [self.depths[t] for t in frames],
             masks=self.masks and [self.masks[t] for t in frames],
+            confidences=self.confidences and [self.confidences[t] for t in frames],
             names=[self.names[t] for t in frames],
             true_poses=None if self.true_poses is None else self.true_poses[frames],
         )
@@ -189,4 +192,5 @@ or the path of its JSON file
         layers.get("masks"),
         frames.pose_source,
         frames.true_poses,
+        layers.get("confidences"),
     )

@@ -113,6 +113,18 @@ def read_classes(file: Path, png_size: tuple[int, int] | None = None) -> np.ndar
     return array.astype(np.uint8)
 
 
+def read_bytes_image(file: Path, png_size: tuple[int, int] | None = None) -> np.ndarray:
+    """Read an 8-bit PNG of one channel, such as confidences, as (H, W) uint8.
+
+    Raises:
+        DataError: the file is damaged, or not an 8-bit PNG (of the given size).
+    """
+    array = _read_integers(file, png_size)
+    if array.dtype.itemsize > 1:
+        raise DataError(f"{file} must be an 8-bit PNG")
+    return array.astype(np.uint8)
+
+
 def check_png(file: Path, size: tuple[int, int]) -> None:
     """Check the header of a PNG.
 

@@ -10,11 +10,20 @@ from typing import Any
 import numpy as np
 
 from autonerf_lab.data.fisheye import Fisheye, rectify
-from autonerf_lab.data.images import image_size, parallel, read_classes, read_depth, read_mask, read_rgb, resample
+from autonerf_lab.data.images import (
+    image_size,
+    parallel,
+    read_bytes_image,
+    read_classes,
+    read_depth,
+    read_mask,
+    read_rgb,
+    resample,
+)
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
 
-_BYTES = {"depths": 4, "semantics": 1, "masks": 1}  # per pixel
+_BYTES = {"depths": 4, "semantics": 1, "confidences": 1, "masks": 1}  # per pixel
 
 
 @dataclass(frozen=True)
@@ -31,6 +40,7 @@ class PosedFrames:
     depth_unit: float = 0.001  # metres (or units of the poses) per unit of the depth images
     depth_camera: Intrinsics | None = None  # of the depth images, if it differs from that of the images
     semantics: list[Path] | None = None
+    confidences: list[Path] | None = None  # of the semantics, 8-bit PNG
     masks: list[Path | None] | None = None
     rotated: list[bool] | None = None  # EXIF must rotate the image
     lenses: list[Fisheye | None] | None = None
@@ -49,12 +59,12 @@ def read_images(
 
     Returns:
         T images (H_t, W_t, 3) uint8, their intrinsics, and the layers that the capture has: ``depths`` float32,
-        ``semantics`` uint8 and ``masks`` bool, each T arrays (H_t, W_t).
+        ``semantics`` uint8, ``confidences`` uint8 and ``masks`` bool, each T arrays (H_t, W_t).
 
     Raises:
         DataError: a file is damaged, or has another aspect ratio than its image.
     """
-    files = {"depths": frames.depths, "semantics": frames.semantics, "masks": frames.masks}
+    files = {name: getattr(frames, name) for name in _BYTES}
     lenses = frames.lenses or [None] * len(frames.files)
     has = [name for name, value in files.items() if value is not None]
     if any(lenses) and "masks" not in has:
@@ -82,6 +92,8 @@ def read_images(
                 layers["depths"][t] = _seen_by(depth, frames.depth_camera, smaller[t])
         if "semantics" in layers and frames.semantics is not None:
             layers["semantics"][t] = resample(read_classes(frames.semantics[t]), size, shrink)
+        if "confidences" in layers and frames.confidences is not None:
+            layers["confidences"][t] = resample(read_bytes_image(frames.confidences[t]), size, shrink)
         if "masks" in layers:
             mask = None if frames.masks is None else frames.masks[t]
             used = np.ones((1, 1), bool) if mask is None else read_mask(mask)

@@ -1,8 +1,9 @@
 """Recorded trajectories: poses and images of one episode, in memory and as a folder.
 
 The folder is a nerfstudio dataset: ``transforms.json`` (OpenGL camera-to-world), ``images/`` (PNG), ``depth/`` (16-bit
-PNG, millimetres, 0 = none) and ``semantics/`` (8-bit PNG, class index). Data without a nerfstudio key is stored under
-the key ``autonerf_lab``. ``transforms.json`` is written last: a folder without it is unfinished.
+PNG, millimetres, 0 = none), ``semantics/`` (8-bit PNG, class index) and, for predicted classes, ``confidence/`` (8-bit
+PNG, 255 = certain). Data without a nerfstudio key is stored under the key ``autonerf_lab``. ``transforms.json`` is
+written last: a folder without it is unfinished.
 """
 
 import io
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from autonerf_lab.data.images import check_png, parallel, read_classes, read_depth, read_rgb
+from autonerf_lab.data.images import check_png, parallel, read_bytes_image, read_classes, read_depth, read_rgb
 from autonerf_lab.data.pose_sources import POSE_SOURCES, check_source, read_sources, sources_to_json
 from autonerf_lab.data.transforms import FORMAT_VERSION, announced_size, read_camera, read_transforms
 from autonerf_lab.errors import DataError
@@ -22,7 +23,7 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.utils import storage
 
 MAX_BYTES = 2 << 30  # of decoded images
-_FOLDERS = {"file_path": "images", "depth_file_path": "depth", "semantics_file_path": "semantics"}
+_FOLDERS = {"file_path": "images"} | {f"{name}_file_path": name for name in ("depth", "semantics", "confidence")}
 _MAX_DEPTH_MM = 65535
 
 
@@ -48,6 +49,7 @@ class Trajectory:
     meta: dict[str, Any] = field(default_factory=dict)  # JSON: scene, policy, seed, actions, coverage curves, ...
     pose_source: str = "true"  # one of :data:`autonerf_lab.data.pose_sources.POSE_SOURCES`
     other_poses: dict[str, np.ndarray] = field(default_factory=dict)  # source -> (T, 4, 4), without ``poses``
+    confidence: np.ndarray | None = None  # (T, H, W) uint8, of predicted semantics, 255 = certain; None: they are true
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -114,6 +116,8 @@ class Trajectory:
             layers["depth_file_path"] = np.where(millimetres <= _MAX_DEPTH_MM, millimetres, 0).astype(np.uint16)
         if self.semantics is not None:
             layers["semantics_file_path"] = self.semantics
+        if self.confidence is not None:
+            layers["confidence_file_path"] = self.confidence
         try:
             # An old transforms.json beside half of the new images would look finished.
             (folder / "transforms.json").unlink(missing_ok=True)
@@ -177,7 +181,8 @@ and was it finished?
         raise DataError(f"{path}: a trajectory has no lens distortion; read photographs with load_dataset")
     shape, count = (size[1], size[0]), len(data.frames)
     source, others, meta = read_sources(data.meta, count, path)
-    need = count * shape[0] * shape[1] * 8
+    per_pixel = 9 if any(frame.get("confidence_file_path") is not None for frame in data.frames) else 8
+    need = count * shape[0] * shape[1] * per_pixel
     if need > max_bytes:
         raise DataError(
             f"{path}: the images need {need} bytes, more than max_bytes={max_bytes}; use a larger max_bytes"
@@ -186,6 +191,7 @@ and was it finished?
         "file_path": (read_rgb, (3,), "u1"),
         "depth_file_path": (read_depth, (), "f4"),
         "semantics_file_path": (read_classes, (), "u1"),
+        "confidence_file_path": (read_bytes_image, (), "u1"),
     }
     files, arrays = {}, {}
     for key, (_, tail, dtype) in readers.items():
@@ -200,7 +206,8 @@ and was it finished?
 
     parallel(read, count)
     depth, semantics = arrays.get("depth_file_path"), arrays.get("semantics_file_path")
-    return Trajectory(data.poses, arrays["file_path"], depth, semantics, intrinsics, meta, source, others)
+    confidence = arrays.get("confidence_file_path")
+    return Trajectory(data.poses, arrays["file_path"], depth, semantics, intrinsics, meta, source, others, confidence)
 
 
 def describe(data: Any, sizes: Sequence[tuple[int, int]], layers: dict[str, Any]) -> str:
@@ -226,6 +233,7 @@ def _check_arrays(trajectory: Trajectory) -> None:
         ("rgb", trajectory.rgb, (*shape, 3)),
         ("depth", trajectory.depth, shape),
         ("semantics", trajectory.semantics, shape),
+        ("confidence", trajectory.confidence, shape),
     ):
         if array is not None and array.shape != want:
             raise DataError(f"trajectory.{name} has the shape {array.shape}, not {want}")

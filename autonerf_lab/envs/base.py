@@ -12,6 +12,7 @@ from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.policies.interfaces import MAP_WINDOWS, WINDOW_METRES
 from autonerf_lab.rewards import PrivilegedReward, Reward, evaluate, make_reward, name_of, reset_reward
 from autonerf_lab.scenes import Scene, load_scene, scene_names
+from autonerf_lab.segmentation import TRUE, Segmenter
 from autonerf_lab.simulator import MotionNoise, Simulator
 from autonerf_lab.types import MapState, Observation, Transition, read_only
 
@@ -35,10 +36,12 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
         supersample: samples per pixel side of the color images.
         noise: noise of actuation and odometry; None for no noise.
         depth_noise: noise of the depth images, ``"redwood"``; None for no noise.
+        semantics: source of the classes that robot, map and reward see: ``"true"``, ``"predicted"``, ``"noisy"``, or
+            another segmenter. A segmenter needs colours, so that ``rgb`` has no effect.
         render_mode: None, or ``"rgb_array"`` for the robot's color image.
 
     Raises:
-        UnknownNameError: unknown scene or depth noise.
+        UnknownNameError: unknown scene, depth noise or segmenter.
         ValueError: no scene, or an unknown render mode.
     """
 
@@ -53,6 +56,7 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
         noise: MotionNoise | None = None,
         render_mode: str | None = None,
         depth_noise: str | None = None,
+        semantics: str | Segmenter = TRUE,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode must be None or 'rgb_array', not {render_mode!r}")
@@ -62,6 +66,7 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
             raise ValueError("scene must name at least one scene, not an empty sequence")
         self._intrinsics = Intrinsics.from_fov(size, size)
         self._rgb, self._supersample, self._noise, self._depth_noise = rgb, supersample, noise, depth_noise
+        self._semantics = semantics
         self._simulators: dict[int, Simulator] = {}
         for name in {s for s in self._scenes if isinstance(s, str)} - set(scene_names()):
             load_scene(name)  # an unknown name fails here and not at a later reset
@@ -99,8 +104,9 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
             if isinstance(scene, str):
                 scene = _shared(scene) if scene in scene_names() else load_scene(scene)
             self._simulators[index] = Simulator(
-                scene, self._intrinsics, self._supersample, self._rgb, self._noise, depth_noise=self._depth_noise
-            )
+                scene, self._intrinsics, self._supersample, self._rgb, self._noise, depth_noise=self._depth_noise,
+                semantics=self._semantics,
+            )  # fmt: skip
         return self._simulators[index]
 
 

@@ -19,6 +19,7 @@ from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.evaluators.aligned import aligned_data, aligned_field
 from autonerf_lab.evaluators.context import EvaluationContext
+from autonerf_lab.evaluators.fused_labels import FusedLabels
 from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.metrics import METRICS
 from autonerf_lab.evaluators.nearest_view import NearestView
@@ -77,11 +78,14 @@ def evaluate(
         preset: settings of the tasks.
         seed: random seed of test poses, planning episodes, random pixels and mesh samples.
         tasks: names in :data:`~autonerf_lab.evaluators.TASKS`, or of installed packages. Default: all built-in tasks
-            that are not optional, and ``trajectory`` for a field trained on other poses than the true ones.
+            that are not optional, ``trajectory`` for a field trained on other poses than the true ones, and
+            ``segmentation`` for one trained on predicted labels.
             ``navigation`` (minutes) and ``finetuning`` (hours) run only if they are named.
         progress: show a progress bar.
         trajectory: training data of the field. With it, ``scores.baselines["nearest_view"]`` holds the rendering scores
             of the nearest training image, and ``["tsdf"]`` the mesh scores of the fused depth (extra ``open3d``).
+            If its labels were predicted, ``["fused_labels"]`` holds the rendering scores with the labels of the frames
+            fused in a point cloud.
         lpips_weights: file of the weights (:mod:`autonerf_lab.evaluators.lpips`), or a loaded ``Lpips``. Its SHA-256 is
             stored in ``scores.weights``. Without, LPIPS has no value (for photographs: no row).
         checkpoint: folder of the training checkpoints of ``finetuning``; interrupted trainings continue there.
@@ -123,6 +127,10 @@ def evaluate(
         scores.baselines["nearest_view"] = _score(context, [TASKS["rendering"]], False)
     if isinstance(trajectory, Trajectory) and trajectory.depth is not None and "mesh" in names:
         scores.baselines["tsdf"] = fused_scores(nerf, scene, settings, seed, trajectory)
+    if isinstance(trajectory, Trajectory) and trajectory.confidence is not None and "rendering" in names:
+        fused: Any = FusedLabels(nerf, trajectory)
+        context = EvaluationContext(fused, scene, settings, seed, lpips=lpips)
+        scores.baselines["fused_labels"] = _score(context, [TASKS["rendering"]], False)
     if oracle:
         names = [name for name in names if name in DEFAULT_TASKS]
         scores.baselines["oracle"] = _oracle_scores(scene, settings, seed, names, progress, lpips)

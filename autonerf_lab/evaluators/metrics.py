@@ -106,6 +106,10 @@ _PROTOCOL = (
     Metric("trajectory", "heading_error_deg", "deg", "Heading error", -1, 2),
     Metric("trajectory", "error_per_metre", "%", "Position error per metre of path", -1, 2),
     Metric("trajectory", "error_per_degree", "%", "Heading error per degree turned", -1, 2),
+    Metric("segmentation", "per_class_accuracy", "%", "Per-class accuracy of predicted labels", 1),
+    Metric("segmentation", "miou", "%", "mIoU of predicted labels", 1),
+    Metric("segmentation", "precision", "%", "Precision of predicted objects", 1),
+    Metric("segmentation", "recall", "%", "Recall of predicted objects", 1),
     *(
         metric
         for name, title in (("", "Area"), ("obstacle_", "Obstacle"), ("semantic_", "Semantic"), ("viewpoint_", "View"))

@@ -34,6 +34,7 @@ from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
 from autonerf_lab.geometry import Intrinsics, planar_from_pose
+from autonerf_lab.segmentation.metrics import class_scores, confusion_matrix
 
 if TYPE_CHECKING:
     from autonerf_lab.config import Preset
@@ -119,42 +120,6 @@ def flip(image: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray]:
         parameters={"ppd": _PIXELS_PER_DEGREE},
     )
     return float(mean), error[..., 0]
-
-
-def confusion_matrix(predicted: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Count the pixels of each pair of classes: (16, 16) int64, row = true class, column = predicted class.
-
-    Example:
-        >>> confusion_matrix(np.array([1, 1]), np.array([1, 0]))[:2, :2]
-        array([[0, 1],
-               [0, 1]])
-    """
-    pairs = np.asarray(target).astype(np.int64).ravel() * NUM_CLASSES + np.asarray(predicted).ravel()
-    return np.bincount(pairs, minlength=NUM_CLASSES**2).reshape(NUM_CLASSES, NUM_CLASSES)
-
-
-def class_scores(confusion: np.ndarray) -> dict[str, float | None]:
-    """Compute per-class accuracy and mean IoU, percent, over the classes in the targets.
-
-    Args:
-        confusion: (16, 16) pixel counts of :func:`confusion_matrix`.
-
-    Example:
-        >>> c = np.zeros((16, 16), int); c[0, 0] = 6; c[0, 1] = 2; c[1, 1] = 2
-        >>> scores = class_scores(c)
-        >>> scores["per_class_accuracy"], scores["miou"], scores["miou_objects"]
-        (87.5, 62.5, 50.0)
-    """
-    hits, target, predicted = np.diag(confusion), confusion.sum(axis=1), confusion.sum(axis=0)
-    present = target > 0
-    accuracy = hits[present] / target[present]
-    iou = hits[present] / (target + predicted - hits)[present]
-    objects = iou[1:] if present[0] else iou
-    return {
-        "per_class_accuracy": float(100 * accuracy.mean()) if len(accuracy) else None,
-        "miou": float(100 * iou.mean()) if len(iou) else None,
-        "miou_objects": float(100 * objects.mean()) if len(objects) else None,
-    }
 
 
 def evaluate_rendering(

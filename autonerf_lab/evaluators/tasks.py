@@ -14,9 +14,11 @@ from autonerf_lab.evaluators.navigation import NavigationTask
 from autonerf_lab.evaluators.planning import PlanningTask
 from autonerf_lab.evaluators.pose_refinement import PoseRefinementTask
 from autonerf_lab.evaluators.rendering import RenderingTask
+from autonerf_lab.evaluators.segmentation import SegmentationTask
 from autonerf_lab.evaluators.semantic_maps import MapsTask
 from autonerf_lab.evaluators.task import Task, TaskResult, failure
 from autonerf_lab.evaluators.trajectory import TrajectoryTask
+from autonerf_lab.segmentation import TRUE
 from autonerf_lab.types import Score
 from autonerf_lab.utils.plugins import load_plugins
 
@@ -29,18 +31,24 @@ TASKS: dict[str, Task] = {
     "navigation": NavigationTask(),
     "finetuning": FinetuningTask(),
     "trajectory": TrajectoryTask(),
+    "segmentation": SegmentationTask(),
 }
 DEFAULT_TASKS = tuple(name for name, task in TASKS.items() if not task.optional)
 
 
 def default_tasks(meta: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the tasks of a field with this metadata: ``trajectory`` is among them if its poses are not the true ones.
+    """Return the tasks of a field with this metadata.
+
+    ``trajectory`` is among them if its poses are not the true ones, ``segmentation`` if its labels are not.
 
     Example:
         >>> default_tasks({}) == DEFAULT_TASKS, default_tasks({"pose_source": "estimated"})[-1]
         (True, 'trajectory')
+        >>> default_tasks({"semantics": "predicted"})[-1]
+        'segmentation'
     """
-    return DEFAULT_TASKS if meta.get("pose_source", "true") == "true" else (*DEFAULT_TASKS, "trajectory")
+    poses = () if meta.get("pose_source", "true") == "true" else ("trajectory",)
+    return (*DEFAULT_TASKS, *poses, *(() if meta.get("semantics", TRUE) == TRUE else ("segmentation",)))
 
 
 def available() -> dict[str, Task]:

@@ -13,6 +13,7 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.localization import OdometryModel, PoseEstimator
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.policies import Policy, make_policy
+from autonerf_lab.segmentation import TRUE
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action, Observation, read_only
 from autonerf_lab.utils.plugins import named_errors
@@ -54,7 +55,8 @@ def explore(
         The trajectory, with the poses of this source; with noise, it has the other ones too. ``estimated`` are those of
         the end of the episode. ``meta`` contains ``actions`` and their ``collided`` flags, and for each frame
         ``explored_m2``, ``path_m`` (distance travelled) and ``waypoints`` (x, y or None); with estimated poses also
-        ``pose_std``, standard deviations of x, y and heading.
+        ``pose_std``, standard deviations of x, y and heading. The classes are those that the robot saw; predicted ones
+        have confidences, and ``meta["semantics"]`` names their source.
 
     Raises:
         UnknownNameError: unknown policy or pose source.
@@ -84,6 +86,7 @@ def explore(
     shape = (steps, *observation.depth.shape)
     measured, true_poses, used = (np.empty((steps, 4, 4)) for _ in range(3))
     rgb, depth, semantics = np.empty((*shape, 3), np.uint8), np.empty(shape, np.float32), np.empty(shape, np.uint8)
+    confidence = None if sim.semantics == TRUE else np.empty(shape, np.uint8)
     actions: list[int] = []
     collided: list[bool] = []
     explored: list[float] = []
@@ -94,6 +97,8 @@ def explore(
     for t in tqdm(range(steps), desc=f"explore {sim.scene.name} ({name})", disable=not progress, unit="step"):
         measured[t], true_poses[t] = observation.pose, sim.pose
         rgb[t], depth[t], semantics[t] = observation.rgb, observation.depth, observation.semantics
+        if confidence is not None and observation.confidence is not None:
+            confidence[t] = np.rint(255 * observation.confidence)
         if estimator is not None:
             observation = replace(observation, pose=estimator.c2w)
             spread.append(estimator.standard_deviations)
@@ -126,6 +131,7 @@ def explore(
         "supersample": sim.supersample,
         "noise": asdict(sim.noise),
         "depth_noise": sim.depth_noise,
+        **({} if sim.semantics == TRUE else {"semantics": sim.semantics}),
         "actions": actions,
         "collided": collided,
         "explored_m2": explored,
@@ -133,7 +139,7 @@ def explore(
         "waypoints": waypoints,
     }
     noisy = sim.noise.actuation or sim.noise.odometry
-    trajectory = Trajectory(measured, rgb, depth, semantics, sim.intrinsics, meta)
+    trajectory = Trajectory(measured, rgb, depth, semantics, sim.intrinsics, meta, confidence=confidence)
     if noisy:
         trajectory = replace(trajectory, pose_source="odometry", other_poses={"true": true_poses})
     if estimator is not None:

@@ -66,7 +66,8 @@ def fit(
     """Train a field on a trajectory or on photographs.
 
     Args:
-        data: RGB images, poses and optionally semantics; models whose ``depth_weight`` is above 0 also need depth.
+        data: RGB images, poses and optionally semantics, whose loss is weighted by their confidence if it is known;
+            models whose ``depth_weight`` is above 0 also need depth.
         model: a name (see :mod:`autonerf_lab.nerf.models`), or a custom
             :class:`~autonerf_lab.nerf.model.ModelSpec`.
         preset: selects the hyper-parameters and the number of steps; those of ``fast`` grow with the explored area
@@ -138,6 +139,7 @@ def fit(
         meta["pose_source"] = data.pose_source
     if data.true_poses is not None:
         meta["true_poses"] = [planar_from_pose(pose) for pose in data.true_poses]
+    meta |= {"semantics": data.meta["semantics"]} if "semantics" in data.meta else {}
     meta |= {"model": spec.name, "preset": chosen.name, "seed": seed, "steps": state.step}
     meta |= {"train_psnr": state.psnr, "seconds": state.seconds, "skipped_steps": state.skipped}
     return NeRF(built, poses, data.intrinsics[0], visibility, meta, frame, classes)
@@ -179,6 +181,8 @@ def _fingerprint(data: Dataset) -> str:
     digest.update(repr(data.intrinsics).encode())
     for image in (*data.images, *(data.masks or ())):
         digest.update(image.tobytes())
+    for layer in (*(data.semantics or ()), *data.confidences) if data.confidences else ():
+        digest.update(layer.tobytes())
     for depth in data.depths or []:
         digest.update(depth.tobytes())
     return digest.hexdigest()

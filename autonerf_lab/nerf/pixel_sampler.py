@@ -26,6 +26,7 @@ class PixelSampler:
         self.rgb = np.concatenate([image.reshape(-1, 3) for image in data.images])
         self.labels = _flat(data.semantics)
         self.depth = _flat(data.depths)
+        self._confidence = _flat(data.confidences)
         used = _flat(data.masks)
         self._used = None if used is None else np.flatnonzero(used)  # pixels that may be sampled; None: all
         self._unit = np.float32(frame.unit)
@@ -103,7 +104,8 @@ class PixelSampler:
         if self.depth is not None:
             length = np.linalg.norm(self._directions(pixels)[1], axis=1).astype(np.float32)
             depth = self.depth[pixels] * length / self._unit
-        return Targets(color, labels, depth)
+        trust = None if self._confidence is None else self._confidence[pixels].astype(np.float32) / np.float32(255)
+        return Targets(color, labels, depth, trust)
 
     def _directions(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the image (R,) and the direction (R, 3) float64 of pixels, in the camera frame with depth 1."""

@@ -34,6 +34,7 @@ class Targets:
     color: np.ndarray  # (R, 3) float32 in [0, 1]
     labels: np.ndarray  # (R,) int64 class index, NO_LABEL for none
     depth: np.ndarray  # (R,) float32, metres along the ray, NO_DEPTH for none
+    trust: np.ndarray | None = None  # (R,) float32, weight of the label in the loss, its confidence; None: 1
 
 
 @dataclass(frozen=True)

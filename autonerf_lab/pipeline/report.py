@@ -105,6 +105,7 @@ def _noise(config: RunConfig) -> list[tuple[str, Any]]:
         "Noise scale": config.noise_scale,
         "Depth noise": config.depth_noise,
         "Poses of the exploration": config.poses,
+        "Classes of the exploration": config.semantics,
         "Poses of the training": config.fit_poses,
     }
     return [(name, value) for name, value in values.items() if value is not None]

@@ -10,6 +10,7 @@ from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.pipeline.context import StageContext, StageOptions, find_scene, scene_source
 from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, load_run, locked, open_run
 from autonerf_lab.pipeline.stages import STAGE_FUNCTIONS
+from autonerf_lab.segmentation import segmenter_source
 from autonerf_lab.utils.resources import peak_gb
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def check_arguments(
         DataError: The weights of a policy are missing or damaged, or a value is out of range.
     """
     options = options or StageOptions()
+    _check_semantics(overrides.pop("semantics", None))
     _check_noise(*(overrides.pop(name, None) for name in ("noise", "noise_scale", "depth_noise")))
     _check_poses(overrides.pop("poses", None))
     for key, value in overrides.items():
@@ -65,6 +67,13 @@ def check_arguments(
         from autonerf_lab.nerf import model_spec
 
         model_spec(model)
+
+
+def _check_semantics(semantics: str | None) -> None:
+    if semantics is not None:
+        from autonerf_lab.segmentation import make_segmenter
+
+        make_segmenter(semantics)
 
 
 def _check_noise(noise: str | None, scale: float | None, depth: str | None) -> None:
@@ -111,7 +120,7 @@ def run_pipeline(
         overwrite: Replace a finished or different run.
         options: Options of the stages.
         overrides: ``steps``, ``map_size``, ``width``, ``height``, ``hfov_deg``, ``noise``, ``noise_scale``,
-            ``depth_noise`` and ``poses`` of :class:`RunConfig`.
+            ``depth_noise``, ``poses`` and ``semantics`` of :class:`RunConfig`.
 
     Raises:
         AutoNerfError: A name is unknown, the folder holds something else, or a stage failed.
@@ -121,6 +130,7 @@ def run_pipeline(
     started = time.perf_counter()
     loaded = find_scene(scene)
     loading_seconds = time.perf_counter() - started
+    overrides["semantics"] = segmenter_source(overrides.get("semantics"))
     config = RunConfig(scene_source(scene), loaded.sha256, policy, chosen, seed, model, **overrides)
     with locked(Path(out)):
         run = open_run(out, config, last, overwrite)

@@ -39,7 +39,7 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "scene": ("scene.json",),
     "explore": (
         "trajectory/transforms.json",
-        *(f"trajectory/{k}/frame_*.png" for k in ("images", "depth", "semantics")),
+        *(f"trajectory/{k}/frame_*.png" for k in ("images", "depth", "semantics", "confidence")),
     ),
     "fit": ("nerf/*.json", "nerf/*.safetensors"),
     "evaluate": ("scores.json", "baselines/*.json"),
@@ -73,6 +73,7 @@ class RunConfig:
     depth_noise: str | None = None  # model of the noise of depth images; None: exact
     poses: str | None = None  # pose source of the exploration; None: odometry
     fit_poses: str | None = None  # pose source of the training; None: that of the exploration
+    semantics: str | None = None  # source of the classes that the robot sees; None: the simulator
 
     def differences(self, other: "RunConfig") -> list[str]:
         """Return a description of each difference. Settings of the stage ``fit`` that only one side has do not count.

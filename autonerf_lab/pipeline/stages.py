@@ -27,12 +27,13 @@ def _explore(context: StageContext) -> None:
     from autonerf_lab.exploration import explore
     from autonerf_lab.exploration.rollout import MAP_SIZE
     from autonerf_lab.pipeline.figures import draw_trajectory
+    from autonerf_lab.segmentation import TRUE
     from autonerf_lab.simulator import Simulator
     from autonerf_lab.simulator.motion_noise import motion_noise
 
     config, size = context.run.config, context.preset
     noise = motion_noise(config.noise, config.noise_scale)
-    sim = Simulator.from_preset(context.scene, size, noise, config.depth_noise)
+    sim = Simulator.from_preset(context.scene, size, noise, config.depth_noise, config.semantics or TRUE)
     refined = config.poses == "refined"  # the policy acts on the estimate, which is refined after the episode
     trajectory = explore(
         sim, config.policy, steps=size.episode_steps, seed=config.seed, map_size=config.map_size or MAP_SIZE,

@@ -7,9 +7,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from autonerf_lab.errors import SceneError
+from autonerf_lab.errors import SceneError, SegmenterError
 from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, planar_pose
 from autonerf_lab.scenes.scene import Scene
+from autonerf_lab.segmentation import TRUE, Segmenter, make_segmenter, segmenter_name
 from autonerf_lab.simulator.depth_noise import depth_noise as depth_noise_model
 from autonerf_lab.simulator.motion_noise import Motion, MotionNoise, compose
 from autonerf_lab.simulator.navigation import NavigationGrid, build_navigation
@@ -17,6 +18,7 @@ from autonerf_lab.simulator.rasterizer import chunk_bounds, rasterize, shade
 from autonerf_lab.simulator.raycast import Hits, RayCaster
 from autonerf_lab.simulator.specular import NO_GLOSS, scene_gloss
 from autonerf_lab.types import Action, Observation
+from autonerf_lab.utils.plugins import named_errors
 
 if TYPE_CHECKING:
     from autonerf_lab.config import Preset
@@ -71,7 +73,7 @@ class Simulator:
     collision.
 
     **Observations** (:class:`~autonerf_lab.types.Observation`). Colour, depth along the optical axis in metres,
-    ground-truth classes, pose by odometry, collision flag and number of steps. Without noise, odometry is exact.
+    classes, pose by odometry, collision flag and number of steps. Without noise, odometry is exact.
 
     **Start.** :meth:`reset` samples a navigable start pose unless one is given. The simulator has no time limit.
 
@@ -83,11 +85,15 @@ class Simulator:
         rgb: Render colours; False leaves them black, which is faster.
         noise: Noise of motion and odometry; default: none.
         depth_noise: Noise of the depth in observations, ``"redwood"``; default: none. :meth:`render` stays exact.
+        semantics: Source of the classes in observations: ``"true"``, ``"predicted"``, ``"noisy"``, or another
+            segmenter, see :func:`~autonerf_lab.segmentation.make_segmenter`. :meth:`render` stays exact. A segmenter
+            needs colours, so that ``rgb`` has no effect.
         gloss: Render view-dependent highlights on glossy surfaces (generated scenes only).
 
     Raises:
         SceneError: The scene has no floor, the robot fits nowhere, or ``gloss`` is True for an imported mesh.
-        UnknownNameError: There is no depth noise of that name.
+        UnknownNameError: There is no depth noise, or no segmenter, of that name.
+        DataError: The weights of the segmenter are missing or damaged.
         ValueError: ``supersample`` is below 1.
 
     Example:
@@ -108,13 +114,16 @@ class Simulator:
         noise: MotionNoise | None = None,
         gloss: bool = False,
         depth_noise: str | None = None,
+        semantics: str | Segmenter = TRUE,
     ) -> None:
         if supersample < 1:
             raise ValueError(f"supersample must be at least 1, not {supersample}")
         self.scene = scene
         self.intrinsics = intrinsics or Intrinsics.from_fov(128, 128)
         self.supersample = supersample
-        self.rgb = rgb
+        self.semantics = segmenter_name(semantics)
+        self._segmenter = None if self.semantics == TRUE else make_segmenter(semantics)
+        self.rgb = rgb or self._segmenter is not None
         self.noise = noise or _NO_NOISE
         self.depth_noise = depth_noise
         self._measure = depth_noise_model(depth_noise)
@@ -130,7 +139,7 @@ class Simulator:
         self._fine_face = np.empty((height * supersample, width * supersample), np.int32)
         self._fine_inverse_depth = np.empty(self._fine_face.shape, np.float32)
         self._rng = np.random.default_rng(0)
-        self._depth_rng = self._rng.spawn(1)[0]  # apart, so that depth noise changes no motion
+        self._depth_rng, self._segmenter_rng = self._rng.spawn(2)  # apart, so that they change no motion
         self._true_pose = (0.0, 0.0, 0.0)  # true x, y (metres), heading (radians)
         self._odometry = self._true_pose  # x, y, heading by odometry
         self._collided = False
@@ -138,7 +147,12 @@ class Simulator:
 
     @classmethod
     def from_preset(
-        cls, scene: Scene, preset: "Preset", noise: MotionNoise | None = None, depth_noise: str | None = None
+        cls,
+        scene: Scene,
+        preset: "Preset",
+        noise: MotionNoise | None = None,
+        depth_noise: str | None = None,
+        semantics: str | Segmenter = TRUE,
     ) -> "Simulator":
         """Create a simulator with the camera intrinsics and supersampling of a preset.
 
@@ -149,7 +163,7 @@ class Simulator:
             48
         """
         intrinsics = Intrinsics.from_fov(preset.width, preset.height, preset.hfov_deg)
-        return cls(scene, intrinsics, preset.supersample, noise=noise, depth_noise=depth_noise)
+        return cls(scene, intrinsics, preset.supersample, noise=noise, depth_noise=depth_noise, semantics=semantics)
 
     @property
     def pose(self) -> np.ndarray:
@@ -214,7 +228,10 @@ class Simulator:
             SceneError: The robot does not fit at ``pose``.
         """
         self._rng = np.random.default_rng(seed)
-        self._depth_rng = self._rng.spawn(1)[0]
+        self._depth_rng, self._segmenter_rng = self._rng.spawn(2)
+        if self._segmenter is not None:
+            with named_errors(f"segmenter {self.semantics!r}", "in reset", SegmenterError):
+                self._segmenter.reset(self._segmenter_rng)
         x, y, heading = planar_from_pose(self.sample_pose(self._rng) if pose is None else np.asarray(pose))
         if not self.navigation.is_navigable(x, y):
             raise SceneError(
@@ -261,7 +278,12 @@ class Simulator:
         frame = self.render(self.pose, self.rgb)
         pose = planar_pose(*self._odometry)
         depth = frame.depth if self._measure is None else self._measure(frame.depth, self._depth_rng)
-        return Observation(frame.rgb, depth, frame.semantics, pose, self._collided, self._step)
+        labels, confidence = frame.semantics, None
+        if self._segmenter is not None:
+            with named_errors(f"segmenter {self.semantics!r}", f"at step {self._step}", SegmenterError):
+                found = self._segmenter(frame.rgb, depth, frame.semantics)
+                labels, confidence = found.labels, found.confidence
+        return Observation(frame.rgb, depth, labels, pose, self._collided, self._step, confidence)
 
     def step(self, action: int) -> Observation:
         """Execute an action and return the next observation; arguments and errors are those of :meth:`move`."""

@@ -326,3 +326,22 @@ def test_noise_is_checked_and_part_of_the_fingerprint(tmp_path):
     ):
         with pytest.raises((DataError, UnknownNameError), match=message):
             replace(GRID, **change).checked()
+
+
+def test_predicted_semantics_are_a_row_of_their_own_beside_the_paper(tmp_path):
+    metric = ("rendering", "miou")
+    true = folder(tmp_path / "true", {"frontier": [80.0] * 3, "modular-obs": [90.0, 91.0, 92.0]}, metric=metric)
+    grid = Grid(("modular-obs",), GRID.scenes, 1, preset="smoke", semantics="predicted")
+    predicted = folder(tmp_path / "predicted", {"modular-obs": [70.0, 71.0, 72.0]}, grid, metric)
+    found = load_results_table(true, predicted)
+    assert found.rows[-1] == ("modular-obs", f"{MODEL}, semantics predicted") and not found.noisy
+    made = table("semantics", found)
+    line = next(row for row in made.rows if row[0].text == "rendering: mIoU [%]")
+    assert [entry.text for entry in line[1:]] == ["91.0 ± 2.5", "83.2", "71.0 ± 2.5", "61.1"]
+    assert "modular-obs" in made.note and "not measured" in table("semantics", load_results_table(true)).note
+    d = found.difference(found.rows[-1], ("modular-obs", MODEL), metric)
+    assert d.mean == pytest.approx(-20) and d.half_width == pytest.approx(0)
+    assert grid.cells()[0].name == f"val-0_modular-obs_0_{MODEL}_predicted"
+    assert replace(grid, semantics="true").checked().semantics is None
+    with pytest.raises(UnknownNameError, match="unknown segmenter 'best'"):
+        replace(grid, semantics="best").checked()

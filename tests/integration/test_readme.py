@@ -149,6 +149,11 @@ print(check_run(OCCUPIED_SHARE, EvaluationContext(field, scene, lab.preset())).v
     assert 0 < float(run(TRAJECTORY + code + show, tmp_path)) < 100
 
 
+def test_code_about_segmenters_runs(tmp_path: Path) -> None:
+    code = code_of("docs/extending.md", "A segmenter") + "print(blind.reset(seed=0).semantics.max())"
+    assert run(TRAJECTORY + code, tmp_path) == "0\n"
+
+
 def test_code_about_viewing_runs(tmp_path: Path) -> None:
     code = smaller(code_of("docs/viewing.md"), **{"frames=240": "frames=4", "[::20]": "[::5]"})
     assert "\nhttp://127.0.0.1:" in run(TRAJECTORY + code, tmp_path)

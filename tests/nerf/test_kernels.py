@@ -98,6 +98,29 @@ def test_a_field_without_classes_agrees_with_autograd() -> None:
             assert np.abs(gradients[name] - wanted.numpy()).max() <= 2e-3 * wanted.abs().max(), name
 
 
+def test_labels_weigh_as_much_as_their_confidence() -> None:
+    """Kernels and autograd agree; a label of confidence 0 counts like none, and ones like no confidences."""
+    kernels, reference = small_models()
+    rays, targets = some_rays()
+    trust = np.random.default_rng(2).random(RAYS).astype(np.float32)
+    expected_gradients, expected = reference.train_step(rays, replace(targets, trust=trust), np.random.default_rng(5))
+    gradients, losses = kernels.train_step(rays, replace(targets, trust=trust), np.random.default_rng(5))
+    assert losses["cross_entropy"] == pytest.approx(expected["cross_entropy"], rel=1e-4)
+    for name in ("semantic_0", "semantic_1", "density_1"):
+        wanted = expected_gradients[name]
+        assert np.abs(gradients[name] - wanted.numpy()).max() <= 2e-3 * wanted.abs().max(), name
+    unlabelled = replace(targets, labels=np.where(trust < 0.5, -1, targets.labels))
+    pairs = (
+        (replace(targets, trust=np.ones(RAYS, np.float32)), targets),
+        (replace(targets, trust=(trust >= 0.5).astype(np.float32)), unlabelled),
+    )
+    for weighted, plain in pairs:
+        made = [
+            kernels.train_step(rays, t, np.random.default_rng(5))[0]["semantic_1"].copy() for t in (weighted, plain)
+        ]
+        np.testing.assert_array_equal(*made)
+
+
 def test_samples_around_a_measured_surface_learn_without_weight() -> None:
     """With a limit that no weight reaches, only the samples that the measured depth compares have a gradient."""
     rays, targets = some_rays()

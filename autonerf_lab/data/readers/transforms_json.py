@@ -26,7 +26,7 @@ def read_transforms_json(path: Path) -> PosedFrames:
     files = data.files("file_path")
     layers = {
         key: data.files(f"{key}_file_path")
-        for key in ("depth", "semantics")
+        for key in ("depth", "semantics", "confidence")
         if all(frame.get(f"{key}_file_path") is not None for frame in frames)
     }
     masks: list[Path | None] | None = None
@@ -48,6 +48,7 @@ def read_transforms_json(path: Path) -> PosedFrames:
         "autonerf_lab" in content,
         layers.get("depth"),
         semantics=layers.get("semantics"),
+        confidences=layers.get("confidence"),
         masks=masks,
         rotated=rotated,
         lenses=lenses if any(lenses) else None,

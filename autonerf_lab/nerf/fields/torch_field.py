@@ -84,6 +84,7 @@ class TorchField(ABC):
         if rendered.logits.shape[1]:
             labels = self.tensor(targets.labels)
             entropy = functional.cross_entropy(rendered.logits, labels.clamp(min=0), reduction="none") * (labels >= 0)
+            entropy = entropy if targets.trust is None else entropy * self.tensor(targets.trust)
             losses["cross_entropy"] = entropy.mean()
             losses["class_accuracy"] = (rendered.logits.argmax(dim=1) == labels).float().mean()
             total = total + s.semantic_weight * losses["cross_entropy"]

@@ -139,8 +139,8 @@ def _composite(values, packed, n, out):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _cross_entropy(logits, labels, first, scale, d_logits):
-    """Return the sum of cross entropies and the number of correct labels of a tile; write the gradients."""
+def _cross_entropy(logits, labels, trust, first, scale, d_logits):
+    """Return the weighted sum of cross entropies and the number of correct labels; write the gradients."""
     entropy, correct = 0.0, 0.0
     classes = logits.shape[0]
     for r in range(TILE_RAYS):
@@ -155,11 +155,12 @@ def _cross_entropy(logits, labels, first, scale, d_logits):
         for k in range(classes):
             d_logits[k, r] = np.exp(logits[k, r] - peak)
             total += d_logits[k, r]
-        entropy += np.log(total) + peak - logits[label, r]
+        entropy += trust[first + r] * (np.log(total) + peak - logits[label, r])
+        weight = scale * trust[first + r]
         correct += 1.0 if logits[label, r] == peak else 0.0
         for k in range(classes):
-            d_logits[k, r] *= scale / total
-        d_logits[label, r] -= scale
+            d_logits[k, r] *= weight / total
+        d_logits[label, r] -= weight
     return entropy, correct
 
 
@@ -212,7 +213,7 @@ def _heads_backward(transposed, gradients, chunk, learn, owned, n, g, c0, c1, s0
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def train_rays(
-    matrices, transposed, gradients, enc, features, starts, ends, target, labels, depths, background, scales,
+    matrices, transposed, gradients, enc, features, starts, ends, target, labels, trust, depths, background, scales,
     surface, learn, d_features, weights, color, losses,
 ):  # fmt: skip
     """Run the forward and backward pass of a batch of rays.
@@ -224,7 +225,7 @@ def train_rays(
         features: (R / TILE_RAYS, F, TILE_RAYS), spherical harmonics and appearance of the rays.
         starts, ends: (R, S), distances of the bins, metres.
         target: (R, 3), colours in [0, 1].
-        labels: (R,), class index, or -1 for none.
+        labels, trust: (R,), class index, or -1 for none; and its weight in the loss.
         depths: (R,), metres along the ray, or 0 for none.
         background: (R, 3), colour behind the last bin.
         scales: loss factors and limits, :class:`Scales`.
@@ -281,7 +282,7 @@ def train_rays(
             _composite(s0, packed, n, s_ray)
             dense(matrices.semantic_1, s_ray, logits, TILE_RAYS)
 
-            tile_entropy, tile_correct = _cross_entropy(logits, labels, first, scales.cross_entropy, d_logits)
+            tile_entropy, tile_correct = _cross_entropy(logits, labels, trust, first, scales.cross_entropy, d_logits)
             entropy += tile_entropy
             correct += tile_correct
             squared += _photometric(

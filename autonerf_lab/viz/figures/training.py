@@ -1,4 +1,4 @@
-"""Figure of the training of a policy."""
+"""Figures of the training of a policy and of a segmenter."""
 
 from collections.abc import Sequence
 
@@ -48,4 +48,25 @@ def learning_curve(curve: Sequence[dict[str, float]], title: str) -> Figure:
         ax.set(xlabel="frames", ylabel=label)
         ax.grid(alpha=0.3)
     figure.suptitle(title)
+    return figure
+
+
+def segmentation_curve(curve: Sequence[dict[str, float]]) -> Figure:
+    """Draw the loss of a segmenter's training and its mIoU in other apartments, over the steps.
+
+    Args:
+        curve: rows of :func:`autonerf_lab.training.segmentation.train_segmentation`: ``step``, ``loss``, ``miou``.
+
+    Example:
+        >>> rows = [{"step": 500.0 * k, "loss": 1.0 / k, "miou": 10.0 * k} for k in range(1, 5)]
+        >>> [ax.get_ylabel() for ax in segmentation_curve(rows).axes]
+        ['loss', 'mIoU (%)']
+    """
+    figure = Figure(figsize=(9, 2.8), layout="constrained")
+    for ax, (key, label, color) in zip(
+        figure.subplots(1, 2), (("loss", "loss", BLUE), ("miou", "mIoU (%)", ORANGE)), strict=True
+    ):
+        ax.plot([row["step"] for row in curve], [row[key] for row in curve], "o-", markersize=3, color=color)
+        ax.set(xlabel="step", ylabel=label)
+        ax.grid(alpha=0.3)
     return figure

@@ -1,0 +1,105 @@
+"""Segmenter ``compact``: a small network trained on renders of generated apartments.
+
+``compact.json`` beside the weights names the command of the training, the number of frames, the hours and the learning
+curve. Confidence is the largest probability after division of the logits by a temperature, which was fitted on
+apartments without training frames (Guo et al. 2017).
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from autonerf_lab.errors import DataError
+from autonerf_lab.segmentation.base import Segmentation
+from autonerf_lab.segmentation.network import CompactNetwork, fold_normalization
+from autonerf_lab.utils.storage import read_arrays, read_json, write_arrays, write_json
+
+WEIGHTS = Path(__file__).parent / "weights" / "compact"
+VERSION = 1
+_BATCH = 16  # images at a time
+
+
+class Compact:
+    """Small encoder-decoder on RGB.
+
+    Args:
+        path: weights, ``.safetensors`` with a ``.json`` beside it; default: those of the package.
+
+    Raises:
+        DataError: a file is missing, damaged or belongs to another network.
+    """
+
+    def __init__(self, path: str | Path = WEIGHTS) -> None:
+        self._network, self._temperature = load_network(path)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode: nothing is remembered between images."""
+
+    def __call__(
+        self, rgb: np.ndarray, depth: np.ndarray | None = None, truth: np.ndarray | None = None
+    ) -> Segmentation:
+        """Segment (H, W, 3) or (B, H, W, 3) uint8 images; depth and truth are not read."""
+        images = np.asarray(rgb)
+        batch = images.reshape(-1, *images.shape[-3:])
+        labels, confidence = predict(self._network, batch, self._temperature)
+        return Segmentation(labels.reshape(images.shape[:-1]), confidence.reshape(images.shape[:-1]))
+
+
+def predict(network: nn.Module, rgb: np.ndarray, temperature: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the most probable labels (B, H, W) uint8 and their probabilities (B, H, W) float32.
+
+    Args:
+        network: network in evaluation mode.
+        rgb: (B, H, W, 3) uint8.
+        temperature: divisor of the logits.
+    """
+    labels = np.empty(rgb.shape[:-1], np.uint8)
+    confidence = np.empty(rgb.shape[:-1], np.float32)
+    with torch.inference_mode():
+        for start in range(0, len(rgb), _BATCH):
+            part = slice(start, start + _BATCH)
+            logits = network(torch.from_numpy(np.ascontiguousarray(rgb[part])).permute(0, 3, 1, 2))
+            logits = logits.float() / temperature
+            best, index = logits.max(dim=1)
+            labels[part] = index.numpy()
+            confidence[part] = torch.exp(best - torch.logsumexp(logits, dim=1)).numpy()
+    return labels, confidence
+
+
+def save_network(path: str | Path, network: nn.Module, temperature: float, meta: dict[str, Any]) -> None:
+    """Write ``path``.safetensors, in half precision, and ``path``.json with the temperature and the training."""
+    path = Path(path)
+    arrays = {name: value.detach().numpy() for name, value in network.state_dict().items()}
+    halves = {name: a.astype(np.float16) for name, a in arrays.items() if a.dtype.kind == "f"}
+    write_arrays(path.with_suffix(".safetensors"), halves)
+    write_json(path.with_suffix(".json"), {"version": VERSION, "temperature": temperature, **meta})
+
+
+def load_network(path: str | Path) -> tuple[nn.Module, float]:
+    """Return the network for inference and its temperature.
+
+    Raises:
+        DataError: a file is missing, damaged or belongs to another network.
+    """
+    path = Path(path)
+    meta = read_json(path.with_suffix(".json"), dict[str, Any])
+    temperature = meta.get("temperature")
+    if meta.get("version") != VERSION or not isinstance(temperature, int | float) or not 0.01 < temperature < 100:
+        raise DataError(
+            f"{path.with_suffix('.json')} needs version {VERSION} and a temperature; train the weights again"
+        )
+    arrays, _ = read_arrays(path.with_suffix(".safetensors"), dict[str, Any])
+    network = CompactNetwork().eval()
+    wanted = {name: value for name, value in network.state_dict().items() if value.dtype.is_floating_point}
+    shapes = {name: tuple(value.shape) for name, value in wanted.items()}
+    if {name: array.shape for name, array in arrays.items()} != shapes:
+        raise DataError(f"{path.with_suffix('.safetensors')} belongs to another network; train the weights again")
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise DataError(f"{path.with_suffix('.safetensors')} contains values that are not finite; train it again")
+    network.load_state_dict(
+        {name: torch.from_numpy(array.astype(np.float32)) for name, array in arrays.items()}, strict=False
+    )
+    return fold_normalization(network), float(temperature)
