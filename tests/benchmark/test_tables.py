@@ -322,7 +322,6 @@ def test_noise_is_checked_and_part_of_the_fingerprint(tmp_path):
         ({"noise": "ons"}, "noise model 'ons'"),
         ({"noise_scale": 2.0}, "needs a noise model"),
         ({"depth_noise": "red"}, "depth noise 'red'"),
-        ({"noise": "ans", "poses": "refined"}, "there are no 'refined' poses"),
     ):
         with pytest.raises((DataError, UnknownNameError), match=message):
             replace(GRID, **change).checked()
