@@ -150,7 +150,7 @@ class Route(StartGoal):
             ax.contour(xs, ys, reached, np.arange(0.5, np.nanmax(reached), 0.5), cmap="viridis", linewidths=0.7)
         ax.plot(*(known.origin + (path[:, ::-1] + 0.5) * known.cell).T, color=ORANGE, linewidth=2.5)
         ax.plot(*start, "o", color=BLUE, markeredgecolor="white", markersize=11, label="start")
-        ax.plot(*goal, "*", color=ORANGE, markeredgecolor="white", markersize=17, label="goal")
+        ax.plot(*goal, "*", color=BLUE, markeredgecolor="white", markersize=17, label="goal")
         ax.legend(loc="upper right", fontsize=9)
         return figure
 

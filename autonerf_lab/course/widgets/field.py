@@ -244,7 +244,7 @@ class PlanComparison(StartGoal):
                 shortest = grid.centers(descend(field, episode.start, grid.cell))
                 ax.plot(*shortest.T, "--", color=BLUE, linewidth=1.5, label=f"shortest, {episode.shortest:.2f} m")
             ax.plot(*start, "o", color=BLUE, markeredgecolor="white", markersize=10, label="start")
-            ax.plot(*goal, "*", color=ORANGE, markeredgecolor="white", markersize=16, label="goal")
+            ax.plot(*goal, "*", color=BLUE, markeredgecolor="white", markersize=16, label="goal")
             ax.legend(loc="upper right", fontsize=8)
         fits = np.isfinite(episode.shortest)
         verdict = (
