@@ -1,6 +1,7 @@
 """Widgets of exploration, without a browser: clicks and sliders redraw the figure, and a static PNG remains."""
 
 import io
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -158,11 +159,19 @@ def test_names_are_not_drawn_as_formulas():
 
 
 @pytest.mark.parametrize("kind", ["drive", "route", "mixer"])
-def test_a_static_image_remains_without_a_kernel(kind, request, monkeypatch):
+def test_a_static_image_remains_without_a_kernel_and_follows_the_controls(kind, request, monkeypatch):
     live = mixer() if kind == "mixer" else request.getfixturevalue(kind)
-    displayed = []
-    monkeypatch.setattr("IPython.display.display", lambda *things: displayed.extend(things))
+    displayed, updates = [], []
+
+    def display(thing, display_id=False):
+        displayed.append(thing)
+        return SimpleNamespace(update=updates.append) if display_id else None
+
+    monkeypatch.setattr("IPython.display.display", display)
     live._ipython_display_()
     controls, static = displayed
-    assert type(controls).__name__ == "VBox" and controls.children[0].value == live.png
+    assert type(controls).__name__ == "VBox"
+    assert (getattr(controls.children[0], "value", None) == live.png) == (kind == "route")  # only this one is clicked
     assert static.data == live.png and static._repr_mimebundle_()[0]["image/png"]
+    live.refresh()
+    assert updates[-1].data == live.png

@@ -11,15 +11,16 @@ from autonerf_lab.course.widgets.live import LiveFigure, escape_dollars
 from autonerf_lab.course.widgets.start_goal import StartGoal
 from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.errors import RewardError
+from autonerf_lab.exploration.replay import map_image
 from autonerf_lab.geometry import AGENT_RADIUS, world_to_cell
 from autonerf_lab.planning import descend, dilate, path_length, travel_distance
 from autonerf_lab.rewards import Reward, make_reward, name_of, unit_of
 from autonerf_lab.scenes import Scene
 from autonerf_lab.types import Action, MapState
-from autonerf_lab.viz.figures.maps import draw_map, map_extent
-from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, SKY
+from autonerf_lab.viz.figures.maps import draw_map, map_extent, map_legend
+from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, SKY, YELLOW
 
-_COLORS = (BLUE, ORANGE, GREEN, "#CC79A7", SKY, "#999999", "#E69F00")
+_COLORS = (BLUE, GREEN, "#CC79A7", SKY, YELLOW, "#999999", "#882255")  # no orange: it marks new cells and paths
 _BUTTONS = {"turn left": Action.TURN_LEFT, "forward": Action.FORWARD, "turn right": Action.TURN_RIGHT}
 _ICONS = {"turn left": "arrow-left", "forward": "arrow-up", "turn right": "arrow-right", "restart": "undo"}
 
@@ -84,7 +85,8 @@ class Drive(LiveFigure):
         view.imshow(self._rgb)
         view.set(xticks=[], yticks=[], title=f"camera image, step {len(self.rewards)}")
         draw_map(plan, self._env.map)
-        plan.plot(*np.transpose(self._path), color=ORANGE, linewidth=1.5)
+        plan.plot(*np.transpose(self._path), color=BLUE, linewidth=1.5)
+        map_legend(figure, [map_image(self._env.map)])
         curve.bar(np.arange(len(self.rewards)) + 1, self.rewards, color=SKY, label="per step")
         curve.plot(np.arange(len(self.rewards) + 1), np.cumsum([0.0, *self.rewards]), color=BLUE, label="cumulative")
         curve.set(xlabel="step", ylabel=escape_dollars(self._unit))

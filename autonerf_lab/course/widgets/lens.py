@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 
 from autonerf_lab.course.widgets.live import LiveFigure
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.viz.figures.style import ORANGE
+from autonerf_lab.viz.figures.style import GREEN
 
 
 def through_lens(image: np.ndarray, camera: Intrinsics, lens: Intrinsics) -> np.ndarray:
@@ -83,7 +83,7 @@ class Lens(LiveFigure):
             for k in np.linspace(-1, 1, 7):
                 for line in ((along * right, k * down), (k * right, along * down)):
                     x, y, z = np.broadcast_arrays(*line, -1.0)
-                    ax.plot(*camera.project(np.stack([x, y, z], axis=1)).T, color=ORANGE, linewidth=0.7)
+                    ax.plot(*camera.project(np.stack([x, y, z], axis=1)).T, color=GREEN, linewidth=0.7)
             ax.set(xlim=(0, distorted.width), ylim=(distorted.height, 0), xticks=[], yticks=[], title=title)
         r = np.linspace(0, float(np.hypot(right, down)), 60)
         for camera, style, label in zip(cameras, (":", "-"), titles, strict=True):

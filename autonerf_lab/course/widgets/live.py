@@ -16,8 +16,8 @@ _DPI = 80
 class LiveFigure(ABC):
     """Interactive figure of a notebook.
 
-    A notebook shows the controls with the figure, and below them a static PNG of the same figure. Without a running
-    kernel only the static PNG is visible.
+    A notebook shows the controls, and below them the figure as a static PNG, which is replaced when a control changes.
+    Without a running kernel only the static PNG is visible.
 
     Raises:
         MissingPackageError: the extra ``notebooks`` is not installed.
@@ -26,6 +26,7 @@ class LiveFigure(ABC):
     def __init__(self) -> None:
         self.widgets = optional("ipywidgets", "notebooks")
         self._shown = self.widgets.Image(format="png", layout=NATURAL_SIZE)
+        self._static: Any = None  # handle of the displayed static image
 
     @abstractmethod
     def figure(self) -> Figure:
@@ -47,6 +48,8 @@ class LiveFigure(ABC):
         self._figure.savefig(data, format="png", dpi=_DPI, facecolor="white")
         self._alt_text = describe(self._figure)
         self._show(data.getvalue())
+        if self._static is not None:
+            self._static.update(self.static_image())
 
     def _show(self, png: bytes) -> None:
         self._shown.value = png
@@ -74,6 +77,10 @@ class LiveFigure(ABC):
         """Return the figure with its controls, without the static PNG."""
         return self.widgets.VBox([self._shown, *self.controls()])
 
+    def live_part(self) -> Any:
+        """Return the widget above the static PNG: the controls alone, because the static PNG follows them."""
+        return self.widgets.VBox(self.controls())
+
     def static_image(self) -> Any:
         """Return the current figure as a static PNG with alternative text."""
         from IPython.display import Image
@@ -83,7 +90,8 @@ class LiveFigure(ABC):
     def _ipython_display_(self) -> None:
         from IPython.display import display
 
-        display(self.widget(), self.static_image())
+        display(self.live_part())
+        self._static = display(self.static_image(), display_id=True)
 
 
 class BackgroundTask(LiveFigure):

@@ -89,6 +89,10 @@ class StartGoal(LiveFigure):
     def _show(self, png: bytes) -> None:
         self._shown.alt, self._shown.value = self._alt_text, png
 
+    def live_part(self) -> Any:
+        """Return the figure that can be clicked, with its controls."""
+        return self.widget()
+
     def controls(self) -> list[Any]:
         """Return a toggle for the next click and sliders for x and y of the start and the goal, metres."""
         sliders = [[self.sliders[f"{name} {axis}"] for axis in "xy"] for name in ("start", "goal")]

@@ -4,13 +4,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from autonerf_lab.exploration.replay import PALETTE, map_image
+from autonerf_lab.exploration.replay import OCCUPIED, PALETTE, map_image
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.types import MapState
-from autonerf_lab.viz.figures.style import BLUE
+from autonerf_lab.viz.figures.style import BLUE, class_legend
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 GROUND = "#E9EBEE"  # colour of unseen cells
 _MARGIN = 0.3  # around the explored cells, metres
@@ -53,6 +56,18 @@ def draw_map(ax: "Axes", known: MapState, title: str = "", robot: bool = True) -
         ax.set(xlim=(left - _MARGIN, right + _MARGIN), ylim=(bottom - _MARGIN, top + _MARGIN))
     if robot:
         draw_robot(ax, known.pose)
+
+
+def map_legend(figure: "Figure", images: "Iterable[np.ndarray]") -> None:
+    """Add a legend of the object classes that occur in map images; without any, do nothing.
+
+    Args:
+        figure: the figure.
+        images: map images, arrays of indices of ``autonerf_lab.exploration.replay.PALETTE``.
+    """
+    values = {int(value) for image in images for value in np.unique(image) if value > OCCUPIED}
+    if values:
+        class_legend(figure, np.array(sorted(values)) - OCCUPIED)
 
 
 def draw_robot(ax: "Axes", pose: np.ndarray, color: str = BLUE) -> None:

@@ -9,7 +9,7 @@ from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map, union_box
 from autonerf_lab.mapping.semantic_map import MAP_CELL
-from autonerf_lab.viz.figures.maps import draw_robot
+from autonerf_lab.viz.figures.maps import draw_robot, map_legend
 from autonerf_lab.viz.figures.style import BLUE, ORANGE
 
 _WIDTH = 11.0  # inches
@@ -54,6 +54,7 @@ def rollouts(
             _draw(ax, replay, k)
             ax.set(xlim=(x0, x1), ylim=(y0, y1), xticks=[], yticks=[], aspect="equal", facecolor="0.91")
         row[0].set_ylabel(title)
+    map_legend(figure, [replay.maps[-1] for replay in replays if replay.maps])
     return figure
 
 

@@ -16,6 +16,7 @@ from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map, union_b
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.utils import storage
 from autonerf_lab.utils.extras import NATURAL_SIZE, optional
+from autonerf_lab.viz.figures.maps import map_legend
 from autonerf_lab.viz.player.page import page_html, player_html
 from autonerf_lab.viz.player.step_image import COLORS, GROUND, step_image
 from autonerf_lab.viz.video import write_video
@@ -55,6 +56,7 @@ class Player:
                 _plot_map(ax, replay, k, COLORS[number % len(COLORS)])
                 ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
             row[0].set_ylabel(replay.name, fontsize=10, parse_math=False)
+        map_legend(figure, [replay.maps[-1] for replay in self.replays if replay.maps])
         return figure
 
     def save(self, file: str | Path, progress: bool = True) -> Path:
