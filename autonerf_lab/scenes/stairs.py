@@ -70,7 +70,7 @@ def stairs_parts(width: float, depth: float, rise: float) -> list[dict]:
 
     Example:
         >>> parts = stairs_parts(2.1, 3.2, 2.88)
-        >>> max(round(part["at"][2] + part["box"][2], 2) for part in parts if part["m"] == "wood_table")
+        >>> max(round(part["at"][2] + part["box"][2], 2) for part in parts if part["box"][0] > 0.9)  # of the steps
         2.88
     """
     half, height = RISERS // 2, rise / RISERS

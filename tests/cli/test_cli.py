@@ -150,7 +150,7 @@ def test_paths_with_any_letters_work_in_the_c_locale(tmp_path):
 def test_scenes_list(capsys):
     assert cli.main(["scenes", "list"]) == 0
     names = capsys.readouterr().out.split()
-    assert len(names) == 35 and {"train-24", "dev-4", "val-0"} <= set(names)
+    assert len(names) == 60 and {"train-24", "dev-4", "val-0", "test-19", "house-4"} <= set(names)
 
 
 def test_scene_is_exported_and_imported(tmp_path, capsys):

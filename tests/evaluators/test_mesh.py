@@ -209,6 +209,7 @@ class Square:
 
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])
+    spec = None
 
 
 def square(x=(0.0, 1.0), z=0.0, slope=0.0):

@@ -93,8 +93,8 @@ def test_every_imported_name_exists(code: str) -> None:
 
 
 def test_ten_lines_run(tmp_path: Path) -> None:
-    camera = "Simulator(scene, lab.Intrinsics.from_fov(48, 48))"
-    changes = {"steps=1500": "steps=120", 'preset="fast"': 'preset="smoke"', "Simulator(scene)": camera}
+    camera = "Simulator(scene, lab.Intrinsics.from_fov(64, 64))"
+    changes = {"steps=1500": "steps=240", 'preset="fast"': 'preset="smoke"', "Simulator(scene)": camera}
     code = smaller(code_of("README.md"), **changes)
     assert len(code.strip().splitlines()) <= 12
     assert "paper best" in run(code, tmp_path)
