@@ -29,6 +29,7 @@ from autonerf_lab.course.exercises import (
     pose_refinement,
     ppo,
     rewards,
+    segmentation,
     statistics,
     tour,
     volume_rendering,
@@ -40,6 +41,7 @@ from autonerf_lab.errors import UnknownNameError
 _NOTEBOOKS = (
     *(tour, apartments, mapping, exploration, rewards, ppo, volume_rendering, hash_encoding),
     *(image_metrics, planning, pose_refinement, meshes, statistics, photographs, localization),
+    segmentation,
 )
 
 EXERCISES: dict[str, Exercise] = {exercise.name: exercise for module in _NOTEBOOKS for exercise in module.EXERCISES}
