@@ -22,7 +22,7 @@ from autonerf_lab.benchmark.results_table import ResultsTable, load_results_tabl
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.data.images import data_url
 from autonerf_lab.errors import RunFolderError
-from autonerf_lab.evaluators.metrics import METRICS, Metric
+from autonerf_lab.evaluators.tasks import metric_of
 from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
 
@@ -55,13 +55,12 @@ def write_report(folders: Sequence[Results], out: str | Path) -> Path:
         storage.write_bytes(out / _page(outcome), _cell(outcome, folders).encode())
     for row in found.rows:
         storage.write_bytes(out / _card(title("", row)), card(found, row, folders).encode())
-    storage.write_bytes(out / "index.html", render(folders).encode())
+    storage.write_bytes(out / "index.html", _index(found, folders).encode())
     return out / "index.html"
 
 
-def render(folders: Sequence[Results]) -> str:
+def _index(found: ResultsTable, folders: Sequence[Results]) -> str:
     """Return the first page as HTML."""
-    found = load_results_table(*folders)
     ranked = _ranked(found.outcomes)
     best, worst = ranked[:SHOWN], ranked[SHOWN:][-SHOWN:]
     grid = folders[0].grid
@@ -114,7 +113,7 @@ def _cell(outcome: Outcome, folders: Sequence[Results]) -> str:
 
 
 def _score(row: Score) -> tuple[str, str, str, str]:
-    metric = METRICS.get((row.task, row.metric)) or Metric(row.task, row.metric, row.unit, row.metric, 0, 2)
+    metric = metric_of(row)
     value = row.status if row.value is None else metric.format(row.value)
     paper = metric.format(metric.paper[0]) if metric.paper else NO_VALUE
     return f"{row.task.replace('_', ' ')}: {metric.heading}", value, paper, str(row.n)

@@ -21,7 +21,7 @@ from autonerf_lab.policies.conformance import check_members, check_policy
 from autonerf_lab.policies.frontier import Frontier
 from autonerf_lab.policies.frontier_classic import FrontierClassic
 from autonerf_lab.policies.random_policies import RandomActions, RandomWaypoints
-from autonerf_lab.utils.plugins import load_plugins
+from autonerf_lab.utils.plugins import load_plugins, with_members
 
 WEIGHTS = Path(__file__).parent / "weights"
 
@@ -105,13 +105,13 @@ def make_policy(policy: str | Policy) -> Policy:
         'Frontier'
     """
     if not isinstance(policy, str):
-        return _checked(policy, type(policy).__name__)
+        return with_members(policy, type(policy).__name__, "policy", check_members)
     if policy.endswith(".safetensors"):
         return load_policy(policy)
     if policy in POLICIES:
         return POLICIES[policy]()
     if ":" in policy:
-        return _checked(_import(policy), policy)
+        return with_members(_import(policy), policy, "policy", check_members)
     found = available()
     if policy not in found:
         raise UnknownNameError("policy", policy, found)
@@ -136,15 +136,6 @@ def _import(path: str) -> Any:
         return make()
     except Exception as error:  # any error of the class itself
         raise DataError(f"policy {path!r} cannot be created without arguments: {error!r}") from error
-
-
-def _checked(policy: Any, name: str) -> Policy:
-    try:
-        check_members(policy)
-    except AssertionError as error:
-        raise WrongTypeError(f"{name} is not a policy: {error}") from error
-    made: Policy = policy
-    return made
 
 
 __all__ = [

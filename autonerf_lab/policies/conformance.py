@@ -11,6 +11,7 @@ from autonerf_lab.geometry import AGENT_RADIUS, FORWARD_STEP, TURN_ANGLE, Intrin
 from autonerf_lab.mapping import empty_map, update
 from autonerf_lab.policies.base import Policy
 from autonerf_lab.types import Action, MapState, Observation
+from autonerf_lab.utils.plugins import require
 
 _ROOM = np.array([5.0, 4.0, 2.5])  # metres, from the origin
 _CAMERA = Intrinsics.from_fov(32, 32)
@@ -63,10 +64,10 @@ def check_members(policy: Any) -> None:
     Raises:
         AssertionError: names the missing member.
     """
-    _require(not isinstance(policy, type), "it is a class; pass an instance")
+    require(not isinstance(policy, type), "it is a class; pass an instance")
     for name in ("reset", "act"):
-        _require(callable(getattr(policy, name, None)), f"a policy needs a method {name!r}")
-    _require(hasattr(policy, "waypoint"), "a policy needs an attribute 'waypoint', None for a policy without waypoints")
+        require(callable(getattr(policy, name, None)), f"a policy needs a method {name!r}")
+    require(hasattr(policy, "waypoint"), "a policy needs an attribute 'waypoint', None for a policy without waypoints")
 
 
 def check_policy(make: Callable[[], Policy], steps: int = 16, seed: int = 0) -> None:
@@ -84,11 +85,11 @@ def check_policy(make: Callable[[], Policy], steps: int = 16, seed: int = 0) -> 
         >>> from autonerf_lab.policies import Frontier
         >>> check_policy(Frontier)
     """
-    _require(callable(make), f"a policy is registered as a class or function, not a {type(make).__name__}")
+    require(callable(make), f"a policy is registered as a class or function, not a {type(make).__name__}")
     policy = make()
     check_members(policy)
     first, second = (_rollout(policy, steps, seed) for _ in range(2))
-    _require(first == second, "after reset with the same seed, a policy must choose the same actions")
+    require(first == second, "after reset with the same seed, a policy must choose the same actions")
 
 
 def _rollout(policy: Policy, steps: int, seed: int) -> list[int]:
@@ -102,12 +103,12 @@ def _rollout(policy: Policy, steps: int, seed: int) -> list[int]:
         copies = [array.copy() for array in _arrays(state, observation)]
         action = policy.act(state, observation)
         valid = isinstance(action, Integral) and not isinstance(action, bool) and int(action) in list(Action)
-        _require(valid, f"act must return an Action (0, 1 or 2), not {action!r}")
+        require(valid, f"act must return an Action (0, 1 or 2), not {action!r}")
         unchanged = all(map(np.array_equal, _arrays(state, observation), copies))
-        _require(unchanged, "act must not write to the map or the observation")
+        require(unchanged, "act must not write to the map or the observation")
         if policy.waypoint is not None:
             waypoint = np.asarray(policy.waypoint)
-            _require(
+            require(
                 waypoint.shape == (2,) and bool(np.isfinite(waypoint).all()), "a waypoint must be two finite numbers"
             )
         actions.append(int(action))
@@ -117,8 +118,3 @@ def _rollout(policy: Policy, steps: int, seed: int) -> list[int]:
 
 def _arrays(state: MapState, observation: Observation) -> list[np.ndarray]:
     return [getattr(state, name) for name in _ARRAYS] + [getattr(observation, name) for name in _IMAGES]
-
-
-def _require(condition: bool, requirement: str) -> None:
-    if not condition:  # raised explicitly, because ``python -O`` removes assert statements
-        raise AssertionError(requirement)

@@ -9,6 +9,7 @@ import numpy as np
 from autonerf_lab.geometry import planar_pose
 from autonerf_lab.rewards.base import LearnedReward, PrivilegedReward, Reward, instantiate, to_float
 from autonerf_lab.types import Action, MapState, Observation, Transition
+from autonerf_lab.utils.plugins import require
 
 _SIZE = 16
 _CLASSES = 15
@@ -86,22 +87,22 @@ def check_reward(reward: Callable[..., Any], seed: int = 0) -> None:
         Traceback (most recent call last):
         AssertionError: a reward must be finite, not nan
     """
-    _require(callable(reward), f"a reward must be callable, a {type(reward).__name__} is not")
+    require(callable(reward), f"a reward must be callable, a {type(reward).__name__} is not")
     made = instantiate(reward)
-    _require(callable(made), f"a function that makes a reward must not return a {type(made).__name__}")
-    _require(not isinstance(made, type), "a function that makes a reward must not return a class")
+    require(callable(made), f"a function that makes a reward must not return a {type(made).__name__}")
+    require(not isinstance(made, type), "a function that makes a reward must not return a class")
     transitions = random_transitions(np.random.default_rng(seed))
     copies = [array.copy() for array in _arrays(transitions)]
     values = run_episode(made, transitions, seed)
     for value in values:
         number = to_float(value)
-        _require(number is not None, f"a reward must be a number, not {value!r}")
-        _require(math.isfinite(number or 0.0), f"a reward must be finite, not {number}")
+        require(number is not None, f"a reward must be a number, not {value!r}")
+        require(math.isfinite(number or 0.0), f"a reward must be finite, not {number}")
     again = run_episode(made, transitions, seed)
     same = [to_float(value) for value in values] == [to_float(value) for value in again]
-    _require(same, "after reset with the same seed, the same steps must have the same reward")
+    require(same, "after reset with the same seed, the same steps must have the same reward")
     same = all(np.array_equal(a, b) for a, b in zip(_arrays(transitions), copies, strict=True))
-    _require(same, "a reward must not change the transition")
+    require(same, "a reward must not change the transition")
 
 
 def check_learned(make: Callable[[], Any], seed: int = 0) -> None:
@@ -115,34 +116,34 @@ def check_learned(make: Callable[[], Any], seed: int = 0) -> None:
         AssertionError: names the requirement that is not met.
     """
     source, copy = make(), make()
-    _require(isinstance(source, LearnedReward), "a learned reward needs collect, update, state_dict, load_state_dict")
+    require(isinstance(source, LearnedReward), "a learned reward needs collect, update, state_dict, load_state_dict")
     rng = np.random.default_rng(seed)
     transitions = random_transitions(rng, 40)
     for k in range(4):
         run_episode(source, random_transitions(rng, 40), seed + k)
     source.update(source.collect())
-    _require(not any(len(v) for v in source.collect().values()), "collect must clear the samples")
+    require(not any(len(v) for v in source.collect().values()), "collect must clear the samples")
     copy.load_state_dict(source.state_dict())
     values = run_episode(source, transitions)
-    _require(any(values), "after an update, an episode must contain a reward other than 0")
-    _require(values == run_episode(copy, transitions), "rewards with equal states must return the same values")
+    require(any(values), "after an update, an episode must contain a reward other than 0")
+    require(values == run_episode(copy, transitions), "rewards with equal states must return the same values")
     collected = source.collect()
-    _require(same_arrays(collected, copy.collect()), "the samples must not depend on earlier updates")
-    _require(all(len(v) for v in collected.values()), "an episode of 40 steps must yield samples")
+    require(same_arrays(collected, copy.collect()), "the samples must not depend on earlier updates")
+    require(all(len(v) for v in collected.values()), "an episode of 40 steps must yield samples")
     copies = {name: array.copy() for name, array in collected.items()}
     losses = [reward.update(collected) for reward in (source, copy)]
-    _require(bool(losses[0]), "update must return its losses")
+    require(bool(losses[0]), "update must return its losses")
     for name, loss in losses[0].items():
         finite = isinstance(loss, float) and math.isfinite(loss)
-        _require(finite, f"the loss {name!r} must be a finite float, not {loss}")
-    _require(losses[0] == losses[1], "rewards with equal states must learn the same")
-    _require(same_arrays(collected, copies), "update must not change its batch")
-    _require(same_arrays(source.state_dict(), copy.state_dict()), "the state must contain everything learned")
+        require(finite, f"the loss {name!r} must be a finite float, not {loss}")
+    require(losses[0] == losses[1], "rewards with equal states must learn the same")
+    require(same_arrays(collected, copies), "update must not change its batch")
+    require(same_arrays(source.state_dict(), copy.state_dict()), "the state must contain everything learned")
     state = source.state_dict()
     copies = {name: array.copy() for name, array in state.items()}
     source.update(collected)
-    _require(same_arrays(state, copies), "state_dict must return copies")
-    _require(not same_arrays(state, source.state_dict()), "update must change the state")
+    require(same_arrays(state, copies), "state_dict must return copies")
+    require(not same_arrays(state, source.state_dict()), "update must change the state")
 
 
 def same_arrays(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
@@ -155,11 +156,6 @@ def same_arrays(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
     return a.keys() == b.keys() and all(
         a[k].dtype == b[k].dtype and a[k].shape == b[k].shape and a[k].tobytes() == b[k].tobytes() for k in a
     )
-
-
-def _require(condition: bool, requirement: str) -> None:
-    if not condition:  # raised explicitly, because ``python -O`` removes assert statements
-        raise AssertionError(requirement)
 
 
 def _arrays(transitions: list[Transition]) -> list[np.ndarray]:

@@ -18,13 +18,12 @@ A package registers its own segmenter, a class or function that is called withou
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from autonerf_lab.errors import UnknownNameError, WrongTypeError
+from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.segmentation.base import Segmentation, Segmenter
 from autonerf_lab.segmentation.conformance import check_members, check_segmenter
 from autonerf_lab.segmentation.simulated import NoisyLabels, TrueLabels
-from autonerf_lab.utils.plugins import load_plugins
+from autonerf_lab.utils.plugins import load_plugins, with_members
 
 TRUE = "true"
 PREDICTED = "compact"  # segmenter behind the word ``predicted``
@@ -80,7 +79,7 @@ def make_segmenter(segmenter: str | Segmenter) -> Segmenter:
         'NoisyLabels'
     """
     if not isinstance(segmenter, str):
-        return _checked(segmenter)
+        return with_members(segmenter, type(segmenter).__name__, "segmenter", check_members)
     name, _, file = segmenter.partition(":")
     if name == _MASK_RCNN and file:
         from autonerf_lab.segmentation.mask_rcnn import MaskRcnn
@@ -134,15 +133,6 @@ def segmenter_sha256(name: str) -> str | None:
     path = WEIGHTS if name in ("predicted", PREDICTED) else Path(name.removeprefix(f"{_MASK_RCNN}:"))
     is_file = path.suffix == ".safetensors" and path.is_file()
     return hashlib.sha256(path.read_bytes()).hexdigest() if is_file else None
-
-
-def _checked(segmenter: Any) -> Segmenter:
-    try:
-        check_members(segmenter)
-    except AssertionError as error:
-        raise WrongTypeError(f"{type(segmenter).__name__} is not a segmenter: {error}") from error
-    made: Segmenter = segmenter
-    return made
 
 
 __all__ = [

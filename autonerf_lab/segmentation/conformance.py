@@ -7,6 +7,7 @@ import numpy as np
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.segmentation.base import Segmentation, Segmenter
+from autonerf_lab.utils.plugins import require
 
 _SIZES = ((48, 48), (30, 44))  # (H, W) of the images of the check
 
@@ -17,9 +18,9 @@ def check_members(segmenter: Any) -> None:
     Raises:
         AssertionError: names the missing member.
     """
-    _require(not isinstance(segmenter, type), "it is a class; pass an instance")
-    _require(callable(segmenter), "a segmenter must be callable")
-    _require(callable(getattr(segmenter, "reset", None)), "a segmenter needs a method 'reset'")
+    require(not isinstance(segmenter, type), "it is a class; pass an instance")
+    require(callable(segmenter), "a segmenter must be callable")
+    require(callable(getattr(segmenter, "reset", None)), "a segmenter needs a method 'reset'")
 
 
 def check_segmenter(make: Callable[[], Segmenter], seed: int = 0) -> None:
@@ -36,7 +37,7 @@ def check_segmenter(make: Callable[[], Segmenter], seed: int = 0) -> None:
         >>> from autonerf_lab.segmentation import NoisyLabels
         >>> check_segmenter(NoisyLabels)
     """
-    _require(callable(make), f"a segmenter is registered as a class or function, not a {type(make).__name__}")
+    require(callable(make), f"a segmenter is registered as a class or function, not a {type(make).__name__}")
     segmenter = make()
     check_members(segmenter)
     for height, width in _SIZES:
@@ -49,26 +50,21 @@ def check_segmenter(make: Callable[[], Segmenter], seed: int = 0) -> None:
         copies = [array.copy() for array in inputs]
         first, second = (_segment(segmenter, inputs, seed) for _ in range(2))
         unchanged = all(np.array_equal(a, b) for a, b in zip(inputs, copies, strict=True))
-        _require(unchanged, "a segmenter must not write to its inputs")
+        require(unchanged, "a segmenter must not write to its inputs")
         same = np.array_equal(first.labels, second.labels) and np.array_equal(first.confidence, second.confidence)
-        _require(same, "after reset with the same seed, a segmenter must return the same labels and confidences")
+        require(same, "after reset with the same seed, a segmenter must return the same labels and confidences")
         single = _segment(segmenter, [array[0] for array in inputs], seed)
         for found, shape in ((first, (2, height, width)), (single, (height, width))):
-            _require(found.labels.shape == shape, f"labels of {shape} images must not be {found.labels.shape}")
-            _require(found.confidence.shape == shape, "confidences must have the shape of the labels")
-            _require(found.labels.dtype == np.uint8, f"labels must be uint8, not {found.labels.dtype}")
-            _require(found.labels.max() < NUM_CLASSES, f"labels must be 0 to {NUM_CLASSES - 1}")
+            require(found.labels.shape == shape, f"labels of {shape} images must not be {found.labels.shape}")
+            require(found.confidence.shape == shape, "confidences must have the shape of the labels")
+            require(found.labels.dtype == np.uint8, f"labels must be uint8, not {found.labels.dtype}")
+            require(found.labels.max() < NUM_CLASSES, f"labels must be 0 to {NUM_CLASSES - 1}")
             inside = (found.confidence >= 0).all() and (found.confidence <= 1).all()
-            _require(bool(inside), "confidences must be in [0, 1]")
+            require(bool(inside), "confidences must be in [0, 1]")
 
 
 def _segment(segmenter: Segmenter, inputs: list[np.ndarray], seed: int) -> Segmentation:
     segmenter.reset(np.random.default_rng(seed))
     found = segmenter(*inputs)
-    _require(isinstance(found, Segmentation), f"a segmenter must return a Segmentation, not a {type(found).__name__}")
+    require(isinstance(found, Segmentation), f"a segmenter must return a Segmentation, not a {type(found).__name__}")
     return found
-
-
-def _require(condition: bool, requirement: str) -> None:
-    if not condition:  # raised explicitly, because ``python -O`` removes assert statements
-        raise AssertionError(requirement)

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from importlib.metadata import entry_points
 from typing import Any, TypeVar
 
-from autonerf_lab.errors import AutoNerfError
+from autonerf_lab.errors import AutoNerfError, WrongTypeError
 
 T = TypeVar("T")
 
@@ -54,6 +54,40 @@ def named_errors(
         raise KeyboardInterrupt(f"{name} was interrupted {place}") from error
     except Exception as error:
         raise kind(f"{name} failed {place}: {type(error).__name__}: {error}") from error
+
+
+def require(condition: bool, requirement: str) -> None:
+    """Raise an error if a requirement of a conformance check is not met.
+
+    Raises:
+        AssertionError: the condition is false. Not by an assert statement, which ``python -O`` removes.
+
+    Example:
+        >>> require(1 > 2, "a reward must be finite")
+        Traceback (most recent call last):
+        AssertionError: a reward must be finite
+    """
+    if not condition:
+        raise AssertionError(requirement)
+
+
+def with_members(made: T, name: str, kind: str, check: Callable[[T], Any]) -> T:
+    """Return an object that has the members of a plug-in.
+
+    Args:
+        made: the object.
+        name: how errors name it.
+        kind: what it should be, such as ``policy``.
+        check: raises an AssertionError that names a missing member.
+
+    Raises:
+        WrongTypeError: the object has not all members.
+    """
+    try:
+        check(made)
+    except AssertionError as error:
+        raise WrongTypeError(f"{name} is not a {kind}: {error}") from error
+    return made
 
 
 def load_plugins(

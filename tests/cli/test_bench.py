@@ -143,11 +143,11 @@ def test_report_is_self_contained(results, capsys):
     assert "12 of 12 cells" in page and "Worst" in page
 
 
-def test_report_lists_failed_cells(results):
+def test_report_lists_failed_cells(results, tmp_path):
     from autonerf_lab.benchmark import Outcome
-    from autonerf_lab.benchmark.report import render
+    from autonerf_lab.benchmark.report import write_report
 
     cell = results.grid.cells()[0]
     results.write(Outcome(cell, "failed: <img onerror=alert(1)>"))
-    page = render([results])
+    page = write_report([results], tmp_path / "report").read_text()
     assert "11 of 12 cells" in page and "failed: &lt;img onerror=alert(1)&gt;" in page and "<img onerror" not in page
