@@ -31,7 +31,10 @@ SLOW = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests by their folder: ``-m "not slow"``, ``-m browser``."""
+    """Mark tests by their folder: ``-m "not slow"``, ``-m browser``; slow tests run first.
+
+    Two workers share short tests evenly at the end; with a long one there, the other worker would wait for it.
+    """
     root = Path(__file__).parent
     assert all((root / name).exists() for name in SLOW)
     for item in items:
@@ -41,6 +44,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker(folder.parts[0])
             if any(item.path.is_relative_to(root / name) for name in SLOW):
                 item.add_marker("slow")
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)  # stable: a file stays together
 
 
 @pytest.fixture
