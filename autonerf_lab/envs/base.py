@@ -34,14 +34,14 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
         size: S, pixels a side of the robot's images.
         rgb: False leaves the color images black, which is several times faster.
         supersample: samples per pixel side of the color images.
-        noise: noise of actuation and odometry; None for no noise.
+        noise: noise of actuation and odometry, or the name of its model, such as ``"ans"``; None for no noise.
         depth_noise: noise of the depth images, ``"redwood"``; None for no noise.
         semantics: source of the classes that robot, map and reward see: ``"true"``, ``"predicted"``, ``"noisy"``, or
             another segmenter. A segmenter needs colours, so that ``rgb`` has no effect.
         render_mode: None, or ``"rgb_array"`` for the robot's color image.
 
     Raises:
-        UnknownNameError: unknown scene, depth noise or segmenter.
+        UnknownNameError: unknown scene, noise or segmenter.
         ValueError: no scene, or an unknown render mode.
     """
 
@@ -53,7 +53,7 @@ class SceneEnv(gymnasium.Env[ObsDict, ActType], Generic[ActType]):
         size: int = 64,
         rgb: bool = True,
         supersample: int = 1,
-        noise: MotionNoise | None = None,
+        noise: MotionNoise | str | None = None,
         render_mode: str | None = None,
         depth_noise: str | None = None,
         semantics: str | Segmenter = TRUE,

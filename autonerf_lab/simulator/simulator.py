@@ -12,7 +12,7 @@ from autonerf_lab.geometry import Intrinsics, camera_rays, planar_from_pose, pla
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.segmentation import TRUE, Segmenter, make_segmenter, segmenter_name
 from autonerf_lab.simulator.depth_noise import depth_noise as depth_noise_model
-from autonerf_lab.simulator.motion_noise import Motion, MotionNoise, compose
+from autonerf_lab.simulator.motion_noise import Motion, MotionNoise, compose, motion_noise
 from autonerf_lab.simulator.navigation import NavigationGrid, build_navigation
 from autonerf_lab.simulator.rasterizer import chunk_bounds, rasterize, shade
 from autonerf_lab.simulator.raycast import Hits, RayCaster
@@ -83,7 +83,7 @@ class Simulator:
         supersample: Samples per pixel along each axis; colours are their mean. Depth and labels are those of the pixel
             centre.
         rgb: Render colours; False leaves them black, which is faster.
-        noise: Noise of motion and odometry; default: none.
+        noise: Noise of motion and odometry, or the name of its model, such as ``"ans"``; default: none.
         depth_noise: Noise of the depth in observations, ``"redwood"``; default: none. :meth:`render` stays exact.
         semantics: Source of the classes in observations: ``"true"``, ``"predicted"``, ``"noisy"``, or another
             segmenter, see :func:`~autonerf_lab.segmentation.make_segmenter`. :meth:`render` stays exact. A segmenter
@@ -92,7 +92,7 @@ class Simulator:
 
     Raises:
         SceneError: The scene has no floor, the robot fits nowhere, or ``gloss`` is True for an imported mesh.
-        UnknownNameError: There is no depth noise, or no segmenter, of that name.
+        UnknownNameError: There is no noise, or no segmenter, of that name.
         DataError: The weights of the segmenter are missing or damaged.
         ValueError: ``supersample`` is below 1.
 
@@ -111,7 +111,7 @@ class Simulator:
         intrinsics: Intrinsics | None = None,
         supersample: int = 2,
         rgb: bool = True,
-        noise: MotionNoise | None = None,
+        noise: MotionNoise | str | None = None,
         gloss: bool = False,
         depth_noise: str | None = None,
         semantics: str | Segmenter = TRUE,
@@ -124,7 +124,7 @@ class Simulator:
         self.semantics = segmenter_name(semantics)
         self._segmenter = None if self.semantics == TRUE else make_segmenter(semantics)
         self.rgb = rgb or self._segmenter is not None
-        self.noise = noise or _NO_NOISE
+        self.noise = (motion_noise(noise) if isinstance(noise, str) else noise) or _NO_NOISE
         self.depth_noise = depth_noise
         self._measure = depth_noise_model(depth_noise)
         if scene not in _geometries:
@@ -150,7 +150,7 @@ class Simulator:
         cls,
         scene: Scene,
         preset: "Preset",
-        noise: MotionNoise | None = None,
+        noise: MotionNoise | str | None = None,
         depth_noise: str | None = None,
         semantics: str | Segmenter = TRUE,
     ) -> "Simulator":

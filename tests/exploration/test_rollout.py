@@ -12,6 +12,7 @@ from autonerf_lab.data.trajectory import load_trajectory
 from autonerf_lab.errors import PolicyError, SceneError, UnknownNameError, WrongTypeError
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_pose
+from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import MotionNoise, Simulator
 from autonerf_lab.types import Action
 
@@ -165,3 +166,15 @@ def test_every_kind_of_policy_goes_on_when_its_map_grows(policy):
     trajectory = explore(sim, policy, steps=60, pose=planar_pose(10, 10, 0.0), progress=False, map_size=200)
     assert len(trajectory) == 60 and trajectory.meta["path_m"][-1] > 2
     assert policy == "e2e-cov" or np.abs(trajectory.poses[:, :2, 3] - 10).max() + 5 > 6.5  # it has seen the border
+
+
+def test_a_map_that_grows_keeps_the_estimated_poses():
+    """With noise, the poses estimated on a map of 10 m, which grows, are those on one of 32 m."""
+    sim = Simulator(load_scene("dev-0"), CAMERA, rgb=False, noise="ans", depth_noise="redwood")
+    small, large = (
+        explore(sim, "frontier", steps=130, poses="estimated", progress=False, map_size=size) for size in (200, 640)
+    )
+    assert np.linalg.norm(small.poses[:, :2, 3] - small.poses[0, :2, 3], axis=1).max() > 4.0  # the map ended at 5 m
+    np.testing.assert_allclose(small.poses, large.poses, atol=1e-6)
+    with pytest.raises(UnknownNameError, match="noise"):
+        Simulator(two_rooms(), CAMERA, noise="anz")
