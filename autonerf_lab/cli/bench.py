@@ -95,7 +95,7 @@ class BenchRunCommand:
     def run(self) -> None:
         """Run the grid and write scores and tables."""
         from autonerf_lab.benchmark import run_grid
-        from autonerf_lab.benchmark.estimate import dry_run
+        from autonerf_lab.benchmark.cost_estimate import dry_run
         from autonerf_lab.benchmark.export import export_results, summary
         from autonerf_lab.benchmark.results_table import load_results_table
 

@@ -17,8 +17,8 @@ from autonerf_lab.config import preset as get_preset
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
-from autonerf_lab.evaluators.aligned import aligned_data, aligned_field
 from autonerf_lab.evaluators.context import EvaluationContext
+from autonerf_lab.evaluators.field_alignment import aligned_data, aligned_field
 from autonerf_lab.evaluators.fused_labels import FusedLabels
 from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.metrics import METRICS
@@ -30,7 +30,7 @@ from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.task import Task
 from autonerf_lab.evaluators.tasks import DEFAULT_TASKS, TASKS, available, default_tasks, rows_of, run_task
 from autonerf_lab.evaluators.tsdf import fused_scores
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 
 if TYPE_CHECKING:
     from autonerf_lab.scenes.scene import Scene

@@ -6,7 +6,7 @@ from PIL import Image as PillowImage
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.types import Rendering
 
 METRES_PER_RADIAN = 2.0

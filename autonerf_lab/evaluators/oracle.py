@@ -9,7 +9,7 @@ from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.evaluators.ground_truth import BAND, MapGrid
 from autonerf_lab.evaluators.maps import LEVELS
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.scenes.height_band import occupied_cells
 from autonerf_lab.types import Rendering
 

@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from autonerf_lab.geometry import Intrinsics, camera_rays
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.types import Rendering
 
 

@@ -6,7 +6,7 @@ field was trained on other poses than the true ones.
 
 from typing import TYPE_CHECKING
 
-from autonerf_lab.evaluators.aligned import AlignedField, true_poses
+from autonerf_lab.evaluators.field_alignment import AlignedField, true_poses
 from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
 from autonerf_lab.localization.alignment import align, trajectory_errors

@@ -19,7 +19,7 @@ from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.optimizer import Adam
 from autonerf_lab.nerf.ray_batch import Array, assign, to_numpy
 from autonerf_lab.nerf.settings import Settings
-from autonerf_lab.utils.storage import read_arrays, read_bytes, read_json, write_arrays, write_json
+from autonerf_lab.utils.storage import parse_arrays, read_arrays, read_bytes, read_json, write_arrays, write_json
 
 VERSION = 3  # of nerf.json
 SAVE_EVERY = 20.0  # seconds of training between two checkpoints
@@ -50,7 +50,7 @@ class VisibilityHeader:
 
 @dataclass(frozen=True)
 class FrameHeader:
-    """Coordinates of a field, see :class:`~autonerf_lab.nerf.frame.FieldFrame`."""
+    """Coordinates of a field, see :class:`~autonerf_lab.nerf.field_frame.FieldFrame`."""
 
     origin: Point
     unit: float
@@ -199,7 +199,9 @@ def save_parts(folder: str | Path, arrays: dict[str, np.ndarray], header: dict[s
     """Write the arrays and the JSON description of a field, and remove the training checkpoint of the folder."""
     folder = Path(folder)
     write_arrays(folder / ARRAYS_FILE, arrays)
-    write_json(folder / "nerf.json", {"version": VERSION, "arrays_sha256": _digest(folder / ARRAYS_FILE), **header})
+    write_json(
+        folder / "nerf.json", {"version": VERSION, "arrays_sha256": _digest(read_bytes(folder / ARRAYS_FILE)), **header}
+    )
     (folder / TRAINING_FILE).unlink(missing_ok=True)
 
 
@@ -213,13 +215,14 @@ def load_parts(folder: str | Path) -> tuple[dict[str, np.ndarray], FieldHeader]:
     header = read_json(path, FieldHeader)
     if header.version != VERSION:
         raise DataError(f"{path} has version {header.version}, this release reads {VERSION}; fit again")
-    if header.arrays_sha256 != _digest(arrays):
+    data = read_bytes(arrays)
+    if header.arrays_sha256 != _digest(data):
         raise DataError(f"{arrays} does not belong to {path.name} beside it: saving was interrupted; fit again")
-    return read_arrays(arrays, dict[str, Any])[0], header
+    return parse_arrays(data, dict[str, Any], str(arrays))[0], header
 
 
-def _digest(path: Path) -> str:
-    return hashlib.sha256(read_bytes(path)).hexdigest()
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def settings_to_json(settings: Settings) -> dict[str, Any]:

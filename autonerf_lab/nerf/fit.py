@@ -18,7 +18,7 @@ from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, TrainingError
 from autonerf_lab.geometry import is_planar, planar_from_pose
 from autonerf_lab.nerf.checkpoint import TrainingState
-from autonerf_lab.nerf.frame import SPREAD, FieldFrame, inliers
+from autonerf_lab.nerf.field_frame import SPREAD, FieldFrame, inliers
 from autonerf_lab.nerf.model import DepthGuidedSampler, Model, ModelSpec, check_device
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam

@@ -6,7 +6,7 @@ import numpy as np
 
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.ray_batch import NO_DEPTH, NO_LABEL, Rays, Targets
 
 

@@ -11,7 +11,7 @@ from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics, camera_rays
 from autonerf_lab.nerf.checkpoint import FieldHeader, load_parts, save_parts, settings_to_json
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.model import Model, ModelSpec, check_device
 from autonerf_lab.nerf.models import MODELS, model_spec
 from autonerf_lab.nerf.ray_batch import restore, to_numpy

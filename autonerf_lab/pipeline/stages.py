@@ -61,7 +61,7 @@ def _fit(context: StageContext) -> None:
 
 def _evaluate(context: StageContext) -> None:
     from autonerf_lab.evaluators import evaluate, upstream_scores
-    from autonerf_lab.evaluators.aligned import aligned_field
+    from autonerf_lab.evaluators.field_alignment import aligned_field
     from autonerf_lab.evaluators.tasks import default_tasks
     from autonerf_lab.pipeline.figures import draw_scores
 

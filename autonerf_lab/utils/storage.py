@@ -206,14 +206,32 @@ def read_arrays(path: str | Path, header: type[T]) -> tuple[dict[str, np.ndarray
         Traceback (most recent call last):
         autonerf_lab.errors.DataError: /nowhere.safetensors does not exist
     """
-    data = read_bytes(path)
+    return parse_arrays(read_bytes(path), header, str(path))
+
+
+def parse_arrays(data: bytes, header: type[T], source: str) -> tuple[dict[str, np.ndarray], T]:
+    """Decode the content of a file of :func:`write_arrays`.
+
+    Args:
+        data: The content.
+        header: Type of the header, checked as by :func:`read_json`; an absent header counts as empty.
+        source: Name of the file in error messages.
+
+    Raises:
+        DataError: The content is damaged, or its header does not match the type.
+
+    Example:
+        >>> parse_arrays(b"text", dict[str, Any], "nerf.safetensors")  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        autonerf_lab.errors.DataError: nerf.safetensors is damaged, not a readable safetensors file: ...
+    """
     try:
         arrays = load(data)
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise DataError(f"{path} is damaged, not a readable safetensors file: {error}") from error
+        raise DataError(f"{source} is damaged, not a readable safetensors file: {error}") from error
     length = int.from_bytes(data[:8], "little")
-    text = parse_json(data[8 : 8 + length], _Metadata, str(path)).metadata.get("header", "{}")
-    return arrays, parse_json(text.encode(), header, f"the header of {path}")
+    text = parse_json(data[8 : 8 + length], _Metadata, source).metadata.get("header", "{}")
+    return arrays, parse_json(text.encode(), header, f"the header of {source}")
 
 
 class _Metadata(msgspec.Struct):

@@ -19,8 +19,8 @@ from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
 from autonerf_lab.nerf import fit
 from autonerf_lab.nerf.checkpoint import TrainingState
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.fit import train_step
-from autonerf_lab.nerf.frame import FieldFrame
 from autonerf_lab.nerf.model import DepthGuidedSampler, Model
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam

@@ -275,7 +275,7 @@ def test_masks_are_honoured(tmp_path: Path) -> None:
 
 def test_only_unmasked_pixels_are_sampled_and_scored() -> None:
     from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views, psnr
-    from autonerf_lab.nerf.frame import FieldFrame
+    from autonerf_lab.nerf.field_frame import FieldFrame
     from autonerf_lab.nerf.pixel_sampler import PixelSampler
     from autonerf_lab.types import Rendering
 

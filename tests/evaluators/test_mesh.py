@@ -23,7 +23,7 @@ from autonerf_lab.evaluators import (
 )
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh, nearest_on, sample_surface
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.types import Score
 
 BOUNDS = np.array([[-1.0, -1, -1], [1, 1, 1]])

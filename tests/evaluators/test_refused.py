@@ -14,7 +14,7 @@ from autonerf_lab.evaluators import DEFAULT_TASKS, TASKS, Rendering, TrueField, 
 from autonerf_lab.evaluators.ground_truth import MapGrid, TrueMap
 from autonerf_lab.evaluators.planning import evaluate_planning, sample_episodes
 from autonerf_lab.geometry import Intrinsics, planar_pose
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.simulator import Simulator
 
 CAMERA = Intrinsics.from_fov(16, 16)

@@ -7,7 +7,7 @@ from scipy.ndimage import distance_transform_cdt
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.distance_grid import DistanceGrid, fuse_depth
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.kernels.distance_grid import UNKNOWN, finish
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.ray_batch import Rays

@@ -14,7 +14,7 @@ from autonerf_lab.evaluators import NearestView, semantic_mesh
 from autonerf_lab.evaluators.rendering import psnr
 from autonerf_lab.geometry import Intrinsics, planar_pose, so3_exp
 from autonerf_lab.nerf import NeRF, fit, load_nerf
-from autonerf_lab.nerf.frame import SPREAD, FieldFrame
+from autonerf_lab.nerf.field_frame import SPREAD, FieldFrame
 from autonerf_lab.nerf.models import MODELS
 from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
 from autonerf_lab.nerf.pixel_sampler import PixelSampler

@@ -6,7 +6,7 @@ import pytest
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.geometry import Intrinsics, planar_pose
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 
 CAMERA = Intrinsics.from_fov(100, 101)

@@ -35,7 +35,7 @@ from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError
 from autonerf_lab.evaluators import Rendering
 from autonerf_lab.geometry import Intrinsics, planar_from_pose, planar_pose
 from autonerf_lab.nerf import NeRF, fit
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
 from autonerf_lab.pipeline.run_folder import RunConfig, open_run
 from autonerf_lab.simulator import Simulator

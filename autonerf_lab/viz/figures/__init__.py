@@ -17,9 +17,9 @@ from autonerf_lab.viz.figures.maps import draw_map, draw_robot, map_extent
 from autonerf_lab.viz.figures.navigation import navigation_paths
 from autonerf_lab.viz.figures.rollouts import rollouts
 from autonerf_lab.viz.figures.segmentation import reliability_diagram, segmentation_failures, segmentation_views
-from autonerf_lab.viz.figures.story import explored_area, refinement_frames, shown_pose, trajectory_frames
 from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, SKY, YELLOW, class_legend, empty_figure, plain_log
 from autonerf_lab.viz.figures.training import learning_curve, running_mean
+from autonerf_lab.viz.figures.trajectory import explored_area, refinement_frames, shown_pose, trajectory_frames
 
 __all__ = [
     "BLUE",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.radiance_field import render
 from autonerf_lab.types import Rendering
 from autonerf_lab.viz.viewer.viewer import SECONDS, Viewer

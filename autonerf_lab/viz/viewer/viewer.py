@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from autonerf_lab.data.images import data_url
 from autonerf_lab.errors import DataError, MissingPackageError
 from autonerf_lab.geometry import OPENCV_AXES, Intrinsics
-from autonerf_lab.nerf.frame import FieldFrame
+from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.utils.extras import optional
 from autonerf_lab.viz.point_cloud import point_cloud
 from autonerf_lab.viz.render_image import LAYERS, layer_image

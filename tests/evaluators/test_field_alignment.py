@@ -10,7 +10,7 @@ from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import TrueField, evaluate
-from autonerf_lab.evaluators.aligned import AlignedField, aligned_data, aligned_field
+from autonerf_lab.evaluators.field_alignment import AlignedField, aligned_data, aligned_field
 from autonerf_lab.evaluators.tasks import default_tasks
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.localization.se2 import compose, to_matrices, to_planar

@@ -8,7 +8,7 @@ from stable_baselines3 import PPO
 from toy_scene import to_scene, two_rooms
 
 import autonerf_lab  # noqa: F401 - registers the environments
-from autonerf_lab.training.features import MapFeaturesExtractor
+from autonerf_lab.training.feature_extractor import MapFeaturesExtractor
 
 OPTIONS = {"features_extractor_class": MapFeaturesExtractor}
 
