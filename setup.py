@@ -1,6 +1,8 @@
-"""Build step that pyproject.toml cannot express: a wheel carries scenes and notebooks inside the package."""
+"""Build steps that pyproject.toml cannot express: data inside the wheel, absolute links on PyPI's page."""
 
+import runpy
 import shutil
+import tomllib
 from pathlib import Path
 
 from setuptools import setup
@@ -21,4 +23,16 @@ class BuildWithData(build_py):
                 shutil.copyfile(path, notebooks / path.name)
 
 
-setup(cmdclass={"build_py": BuildWithData})
+def package_page() -> str:
+    """Return the README with links that work on PyPI."""
+    owner = runpy.run_path("docs/set_owner.py")
+    version = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    page: str = owner["package_page"](Path("README.md").read_text(encoding="utf-8"), owner["repository"](), version)
+    return page
+
+
+setup(
+    cmdclass={"build_py": BuildWithData},
+    long_description=package_page(),
+    long_description_content_type="text/markdown",
+)

@@ -57,7 +57,7 @@ class SegmenterError(AutoNerfError, RuntimeError):
 
 
 class RunFolderError(AutoNerfError, RuntimeError):
-    """A run folder whose content does not allow the command."""
+    """A command that a run folder does not allow: a stage is missing, or it would overwrite results."""
 
 
 class MissingPackageError(AutoNerfError, ImportError):

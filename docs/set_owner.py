@@ -5,6 +5,7 @@
 
 ``[project.urls] Repository`` in ``pyproject.toml`` is the one place that decides the address. While it is not set,
 no badge and no link to Colab, Binder or the repository is shown; run this script after setting or changing it.
+``setup.py`` calls :func:`package_page` for the page on PyPI.
 """
 
 import argparse
@@ -51,6 +52,26 @@ def readme(text: str, name: str | None) -> str:
             f"[![Open in Binder](https://mybinder.org/badge_logo.svg)]({binder})\n"
         )
     return re.sub(r"(?s)<!-- badges -->\n.*?<!-- /badges -->", f"<!-- badges -->\n{badges}<!-- /badges -->", text)
+
+
+def package_page(text: str, name: str | None, version: str) -> str:
+    """Return the README for PyPI, where relative links are dead: they become absolute.
+
+    They lead to the tag of the version, or to the branch main before a release. Without an address, only their text is
+    left, and pictures are left out.
+    """
+    reference = "main" if "dev" in version else f"v{version}"
+
+    def absolute(match: re.Match[str]) -> str:
+        image, label, target = match.groups()
+        if "://" in target or target.startswith("#"):
+            return match[0]
+        if not name:
+            return "" if image else label
+        base = f"https://raw.githubusercontent.com/{name}" if image else f"https://github.com/{name}/blob"
+        return f"{image}[{label}]({base}/{reference}/{target})"
+
+    return re.sub(r"(!?)\[([^][]*)\]\(([^)\s]+)\)", absolute, text)
 
 
 def citation(text: str, name: str | None) -> str:

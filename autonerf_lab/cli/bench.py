@@ -142,7 +142,7 @@ class BenchRunCommand:
 
 @dataclass(frozen=True)
 class BenchCompareCommand:
-    """Compare results folders: a leaderboard, and the differences of each folder and the first."""
+    """Compare results folders: a leaderboard, and the difference of each folder from the first."""
 
     folders: Annotated[Positional[tuple[Path, ...]], option(metavar="FOLDER ...", help="Two or more results folders.")]
 
@@ -164,7 +164,7 @@ class BenchCompareCommand:
 
 @dataclass(frozen=True)
 class BenchReportCommand:
-    """Write a report of one or several results folders: static pages with tables, pictures, a leaderboard and cards."""
+    """Write a report of one or more results folders: static pages with tables, figures, a leaderboard and cards."""
 
     folders: Annotated[Positional[tuple[Path, ...]], option(metavar="FOLDER ...", help="One or more results folders.")]
     out: Annotated[Path | None, option(metavar="DIR", help="Output folder.", default="report in the first folder")] = (

@@ -90,11 +90,13 @@ class ExportCommand:
 
 @dataclass(frozen=True)
 class AdoptCommand:
-    """Make a run folder of a saved trajectory, so that fit, evaluate, mesh and report can run."""
+    """Make a run folder from a saved trajectory, so that fit, evaluate, mesh and report can run."""
 
     trajectory: Annotated[Positional[Path], option(help="Trajectory folder.")]
     out: Annotated[Path, option(help="Run folder.")]
-    scene: Annotated[str | None, option(help="Scene: name or path.", default="as the trajectory names it")] = None
+    scene: Annotated[
+        str | None, option(metavar="STR", help="Scene: name or path.", default="that of the trajectory")
+    ] = None
     preset: PresetName = None
 
     def run(self) -> None:

@@ -14,10 +14,10 @@ from autonerf_lab.errors import DataError
 class FitCommand:
     """Train a radiance field on the trajectory of a run, or on photographs with poses (needs --out).
 
-    For a run, the field is written to RUN/nerf. Photographs are a folder of nerfstudio, instant-ngp, Blender, COLMAP,
-    Polycam or Record3D, or an RGB-D sequence of TUM, ScanNet or Replica; --poses colmap finds the poses of others. The
-    test set of the folder is held out, or else every eighth photograph. The field is written to OUT/nerf, and its
-    scores on the held-out photographs to OUT/scores.json.
+    For a run, the field is written to RUN/nerf. A folder of photographs has the format of nerfstudio, instant-ngp,
+    Blender, COLMAP, Polycam or Record3D, or is an RGB-D sequence of TUM, ScanNet or Replica. For images without poses,
+    --poses colmap estimates them. The test set of the folder is held out, or else every eighth photograph. The field
+    is written to OUT/nerf, and its scores on the held-out photographs to OUT/scores.json.
     """
 
     folder: Annotated[Positional[Path], option(help="Run folder, or folder of photographs.")]

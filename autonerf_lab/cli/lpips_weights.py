@@ -11,7 +11,7 @@ from autonerf_lab.cli.options import option
 
 @dataclass(frozen=True)
 class LpipsWeightsCommand:
-    """Write the file of the LPIPS weights; torchvision downloads its part (extra lpips)."""
+    """Write a file with the weights of LPIPS; torchvision downloads 528 MB of it (extra lpips)."""
 
     file: Annotated[Positional[Path], option(help="Output .safetensors file, for --lpips-weights.")]
 

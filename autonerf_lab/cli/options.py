@@ -130,7 +130,7 @@ class LpipsOptions:
     """Weights of LPIPS. Without them, LPIPS is not computed."""
 
     lpips_weights: Annotated[
-        Path | None, option(metavar="FILE", help="File of the LPIPS weights (safetensors), see docs/evaluation.md.")
+        Path | None, option(metavar="FILE", help="LPIPS weights: a file of `autonerf-lab lpips-weights`.")
     ] = None
     lpips_sha256: Annotated[
         str | None, option(metavar="HEX", help="Expected SHA-256 of this file; another file is an error.")

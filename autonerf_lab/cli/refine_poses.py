@@ -11,13 +11,13 @@ from autonerf_lab.cli.options import PresetName, Seed, option
 
 @dataclass(frozen=True)
 class RefinePosesCommand:
-    """Refine the poses of a trajectory by bundle adjustment, and save it with both, the rough and the refined poses.
+    """Refine the poses of a trajectory by bundle adjustment, and save it with its rough and its refined poses.
 
-    With depth, the surfaces and the brightness that overlapping images measured are aligned, in seconds. Without, a
-    field is trained while its poses are refined.
+    With depth, overlapping images are aligned by their surfaces and brightness; this takes seconds. Without depth, a
+    field is trained while its poses are refined; this takes as long as a fit.
     """
 
-    trajectory: Annotated[Positional[Path], option(help="Trajectory folder, or run folder.")]
+    trajectory: Annotated[Positional[Path], option(help="Run folder or trajectory folder.")]
     out: Annotated[Path, option(help="Trajectory folder to write.")]
     preset: PresetName = None
     seed: Seed = 0

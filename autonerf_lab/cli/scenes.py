@@ -62,9 +62,13 @@ class ScenesGenerateCommand:
 
     seed: Annotated[Positional[int], option(help="Random seed.")]
     out: Annotated[Path, option(help="Output file: .json (specification, usable as --scene) or .glb (mesh).")]
-    area: Annotated[float | None, option(help="Floor area, 40 to 300 m2.")] = None
-    rooms: Annotated[int | None, option(help="Number of rooms, corridors included, 2 to 14.")] = None
-    floors: Annotated[int | None, option(help="1 or 2.")] = None
+    area: Annotated[float | None, option(metavar="M2", help="Area of all floors, 40 to 300 m².", default="sampled")] = (
+        None
+    )
+    rooms: Annotated[
+        int | None, option(metavar="N", help="Number of rooms, corridors included, 2 to 14.", default="sampled")
+    ] = None
+    floors: Annotated[int | None, option(metavar="N", help="Number of floors, 1 or 2.", default="sampled")] = None
 
     def run(self) -> None:
         """Generate and write the scene."""
@@ -86,11 +90,11 @@ class ScenesImportCommand:
     ]
     up: Annotated[
         Literal["y", "z"] | None,
-        option(metavar="y|z", help="Axis that points up in the file.", default="found by the level surfaces"),
+        option(metavar="y|z", help="Axis that points up in the file.", default="found from the level surfaces"),
     ] = None
     aliases: Annotated[
         Path | None,
-        option(metavar="FILE", help='JSON file of names that stand for classes, such as {"wing chair": "chair"}.'),
+        option(metavar="FILE", help='JSON file of object names and their classes, such as {"wing chair": "chair"}.'),
     ] = None
     out: Annotated[
         Path | None, option(metavar="FILE", help="Output file: .glb, or .json for a furnished floor plan.")

@@ -10,7 +10,7 @@ from autonerf_lab.cli.train_policy import positive_integer
 
 @dataclass(frozen=True)
 class TrainSegmentationCommand:
-    """Train the segmenter `compact` on renders of training apartments and of fresh ones.
+    """Train the segmenter `compact` on renders of the training apartments and of newly generated ones.
 
     After an interruption, the same command continues. Use the weights with --semantics OUT/compact.safetensors.
     """
@@ -18,7 +18,9 @@ class TrainSegmentationCommand:
     steps: Annotated[str | None, option(metavar="N", help="Number of batches.", default="4000")] = None
     apartments: Annotated[
         str | None,
-        option(metavar="N", help="Number of apartments: the 25 training scenes and fresh seeds.", default="180"),
+        option(
+            metavar="N", help="Number of apartments: the training scenes, then newly generated ones.", default="180"
+        ),
     ] = None
     seed: Annotated[int, option(help="Random seed.")] = 0
     out: Annotated[Path, option(help="Output folder.")] = Path("runs/segmentation")

@@ -373,8 +373,8 @@ class PlanningTask(Task):
     name, metrics, title = "planning", metrics_of("planning"), "Path planning"
     text = (
         "Paths to points (PointGoal) and to objects (ObjectGoal) are planned on the predicted map and judged on the "
-        "true map. A path succeeds if it ends less than 1 m from its goal and does not cross obstacles. SPL is the "
-        "success weighted by path length."
+        "true map. A path succeeds if it ends less than 1 m from its goal and crosses fewer than 10 obstacle cells of "
+        "1 cm. SPL is success weighted by path length: a successful path counts the shortest length divided by its own."
     )
     figures = (
         TaskFigure(

@@ -226,7 +226,7 @@ class RenderingTask(Task):
             "confusion",
             title="Confusion matrix of the classes",
             caption="Each row shows how the pixels of one true class are distributed over the rendered classes, in "
-            "percent.",
+            "percent. An empty row is a class that no test view shows.",
             alt="Confusion matrix of true and rendered classes",
         ),
         TaskFigure(

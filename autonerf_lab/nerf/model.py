@@ -29,7 +29,10 @@ GRADIENT_CHUNK = 1 << 15  # rays whose gradients are computed at once
 
 
 class Field(Protocol):
-    """Density, colour and class logits at points. The optimiser updates ``parameters`` in place."""
+    """Density, colour and class logits at points. The optimiser updates ``parameters`` in place.
+
+    Points, rays and lengths are in coordinates of the field, :class:`~autonerf_lab.nerf.field_frame.FieldFrame`.
+    """
 
     parameters: Arrays
 
@@ -50,7 +53,7 @@ class Field(Protocol):
         """Render rays."""
 
     def density(self, points: np.ndarray) -> np.ndarray:
-        """Return (N,) float32 densities per metre at (N, 3) points."""
+        """Return (N,) float32 densities per unit of length at (N, 3) points."""
 
     def color(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Return (N, 3) float32 colours in [0, 1] at (N, 3) points for (N, 3) unit viewing directions."""

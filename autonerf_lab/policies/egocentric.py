@@ -54,7 +54,16 @@ class EgocentricInterface:
     action_space = spaces.Discrete(len(Action))
 
     def observe(self, map: MapState, observation: Observation, last: int | None) -> dict[str, Any]:
-        """Encode a map, the observation it already contains, and the action before it (None at the start)."""
+        """Encode the state of the robot.
+
+        Args:
+            map: the map, which already contains the observation.
+            observation: the latest one; its image is resized to 84 x 84 pixels.
+            last: the action that led to it; None at the start of an episode.
+
+        Returns:
+            ``rgb``, ``near``, ``far`` and ``felt`` of the observation space.
+        """
         rgb = observation.rgb
         if rgb.shape[:2] != (self.IMAGE, self.IMAGE):
             rgb = np.asarray(Image.fromarray(rgb).resize((self.IMAGE, self.IMAGE), Image.Resampling.BOX))

@@ -38,7 +38,7 @@ class PrivilegedReward(Protocol):
         """Return the reward of one step."""
 
     def set_references(self, observations: list[Observation]) -> None:
-        """Set the reference observations of this episode; called after ``reset``."""
+        """Set the observations of this episode from random poses in the scene; called after ``reset``."""
 
 
 @runtime_checkable
@@ -67,7 +67,7 @@ class LearnedReward(Protocol):
         """
 
     def state_dict(self) -> dict[str, np.ndarray]:
-        """Return copies of parameters, moments of the optimiser, statistics, seeds and counters."""
+        """Return copies of everything learned: parameters, optimiser moments, statistics, seeds and counters."""
 
     def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
         """Load a state.

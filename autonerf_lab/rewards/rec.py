@@ -56,7 +56,7 @@ class Reconstruction:
         self._clear()
 
     def set_references(self, observations: list[Observation]) -> None:
-        """Set the reference observations of the episode."""
+        """Set the observations from random poses in the scene that the predictor must recognise in this episode."""
         self._references = np.array([_pose(o) for o in observations])
         self._truth = np.array([describe(o) for o in observations])
 

@@ -199,7 +199,16 @@ class Placer:
         return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
     def spans(self, room: int, margin: float = 0.1) -> list[tuple[np.ndarray, np.ndarray, float, float]]:
-        """Return the stretches of wall without a door as (p, direction, start, end), start and end in metres from p."""
+        """Return the parts of the walls of a room that have no door; windows are allowed.
+
+        Args:
+            room: index of the room.
+            margin: distance kept from every door, metres.
+
+        Returns:
+            One tuple (p, direction, start, end) for each part of more than 15 cm: a corner of the room, (2,) world x, y,
+            metres; the unit vector along the wall; and start and end of the part, in metres from the corner.
+        """
         found = []
         for p, q in self.layout.rooms[room].edges():
             length = float(np.linalg.norm(q - p))

@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import runpy
 import shutil
 import socket
 import subprocess
@@ -134,6 +135,18 @@ def test_the_address_of_the_repository_is_decided_in_one_place(tmp_path):
     assert {path: path.read_text() for path in before} == before
 
 
+def test_links_of_the_page_on_pypi_are_absolute_or_absent():
+    package_page = runpy.run_path(str(ROOT / "docs/set_owner.py"))["package_page"]
+    text = "![Run](docs/demo.jpg) [`Guide`](docs/a.md#b) [up](#top) [site](https://x.org)"
+    here = "https://github.com/me/lab/blob"
+    assert package_page(text, None, "1.0") == " `Guide` [up](#top) [site](https://x.org)"
+    assert package_page(text, "me/lab", "1.0") == (
+        "![Run](https://raw.githubusercontent.com/me/lab/v1.0/docs/demo.jpg) "
+        f"[`Guide`]({here}/v1.0/docs/a.md#b) [up](#top) [site](https://x.org)"
+    )
+    assert package_page("[a](b)", "me/lab", "1.0.dev0") == f"[a]({here}/main/b)"
+
+
 def test_binder_installs_what_the_notebooks_need():
     binder = ROOT / ".binder"
     lines = (binder / "requirements.txt").read_text().splitlines()
@@ -215,7 +228,11 @@ def source(tmp_path):
 def test_wheel_holds_the_package_the_frozen_scenes_and_the_notebooks(tmp_path, source):
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", tmp_path]
     subprocess.run([*command, source], check=True, capture_output=True)
-    names = set(zipfile.ZipFile(next(tmp_path.glob("*.whl"))).namelist())
+    wheel = zipfile.ZipFile(next(tmp_path.glob("*.whl")))
+    names = set(wheel.namelist())
+    page = wheel.read(next(name for name in names if name.endswith(".dist-info/METADATA"))).decode()
+    assert "Description-Content-Type: text/markdown" in page and "# AutoNeRF Lab" in page
+    assert all("://" in target or target.startswith("#") for target in re.findall(r"\]\(([^)]*)\)", page))
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "autonerf_lab").rglob("*.py")}
     frozen = ROOT / "data/procedural_scenes"
     scenes = {f"autonerf_lab/procedural_scenes/{p.relative_to(frozen)}" for p in frozen.rglob("*") if p.is_file()}

@@ -23,7 +23,7 @@ def utility(gain: float, distance: float, rotation: float) -> float:
 
 
 def probabilities(scores: np.ndarray, reachable: np.ndarray) -> np.ndarray:
-    """Return the softmax of the scores over the reachable blocks, 0 elsewhere."""
+    """Return (R, C) probabilities: the softmax of (R, C) scores over the reachable map blocks, 0 elsewhere."""
     highest = scores[reachable].max()  # subtracting it prevents an overflow and changes no probability
     weights = np.exp(np.where(reachable, scores - highest, -np.inf))
     return weights / weights.sum()
