@@ -1,4 +1,4 @@
-"""Library of frozen scenes: 35 apartments (25 for training, 5 for development, 5 for validation) and 5 houses."""
+"""Library of frozen scenes: 55 apartments (25 for training, 5 development, 5 validation, 20 test) and 5 houses."""
 
 import hashlib
 from functools import lru_cache

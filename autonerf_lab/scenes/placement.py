@@ -206,7 +206,7 @@ class Placer:
             margin: distance kept from every door, metres.
 
         Returns:
-            One tuple (p, direction, start, end) for each part of more than 15 cm: a corner of the room, (2,) world x, y,
+            One tuple (p, direction, start, end) for each part of more than 15 cm: a corner of the room, (2,) x, y,
             metres; the unit vector along the wall; and start and end of the part, in metres from the corner.
         """
         found = []
