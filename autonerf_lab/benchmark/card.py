@@ -58,7 +58,9 @@ def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
                 Entry(NO_VALUE if published is None else metric.format(published)),
             )
         )
-    title = "Means over scenes with 95 % intervals; differences are paired by scene and start, bold: zero is excluded"
+    title = (
+        "Means over scenes with 95 % intervals; differences are paired by scene and start, bold: interval without zero"
+    )
     return "\n".join(
         [
             f"# {row[0]}, {row[1]}", "", *lines, "", Table("card", title, header, tuple(rows)).markdown(), "",

@@ -66,6 +66,7 @@ def correlations(found: ResultsTable) -> Table:
     size = f"{min(counts)} to {max(counts)}" if len(counts) > 1 else f"{max(counts)}"
     policies = "the modular policies" if any(policy in POLICIES for policy, _ in found.rows) else "all policies"
     note = f"{size} points per scene: trajectories of {policies}, fields of {found.rows[0][1]}."
+    note += " Columns paper 0 to 4: the paper's scenes."
     note = note if measured else f"Too few points. {note}"
     return Table("correlations", title, header, tuple(lines), note)
 

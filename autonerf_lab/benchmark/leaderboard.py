@@ -53,7 +53,7 @@ def leaderboard(tables: Mapping[str, ResultsTable]) -> Table:
     scenes = len({scene for scene, _ in common})
     note = (
         f"Means over the {len(common)} episodes in {scenes} scenes that all rows have, with 95 % intervals. The rank "
-        "is the mean over the scores. It does not tell whether a difference is significant: see the paired differences."
+        "is the mean over the scores. It does not show whether a difference is significant: see the paired differences."
     )
     header = ("", "Mean rank", *(metric.heading for metric in paper.HEADLINES))
     return Table("leaderboard", "Leaderboard", header, tuple(lines), note)

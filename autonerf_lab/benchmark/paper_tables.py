@@ -83,7 +83,7 @@ def _means(
                 line.append(Entry(NO_VALUE if value is None else metric.format(value)))
         lines.append(tuple(line))
     measured = any(found.runs(row, metric.key) for row, _ in rows for metric in metrics)
-    notes = [f"{metric.label} is left out: null in all cells ({status})." for metric, status in absent.items()]
+    notes = [f"{metric.label} is left out: no cell has a value ({status})." for metric, status in absent.items()]
     note = " ".join(notes) if measured or notes else f"Not measured yet. {hint}".strip()
     return Table(name, title, tuple(header), tuple(lines), note)
 
