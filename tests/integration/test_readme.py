@@ -4,6 +4,7 @@ import ast
 import importlib
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -185,3 +186,15 @@ def test_every_command_can_be_parsed(page: Path) -> None:
             if line.startswith("autonerf-lab "):
                 arguments = shlex.split(re.sub(r"<[^>]*>", "X", line), comments=True)[1:]
                 tyro.cli(CommandLine, args=arguments, config=_STYLE)
+
+
+def test_links_of_the_page_on_pypi_are_absolute_or_absent() -> None:
+    package_page = runpy.run_path(str(ROOT / "docs/set_owner.py"))["package_page"]
+    text = "![Run](docs/demo.jpg) [`Guide`](docs/a.md#b) [up](#top) [site](https://x.org)"
+    here = "https://github.com/me/lab/blob"
+    assert package_page(text, None, "1.0") == " `Guide` [up](#top) [site](https://x.org)"
+    assert package_page(text, "me/lab", "1.0") == (
+        "![Run](https://raw.githubusercontent.com/me/lab/v1.0/docs/demo.jpg) "
+        f"[`Guide`]({here}/v1.0/docs/a.md#b) [up](#top) [site](https://x.org)"
+    )
+    assert package_page("[a](b)", "me/lab", "1.0.dev0") == f"[a]({here}/main/b)"

@@ -3,7 +3,6 @@
 import ast
 import os
 import re
-import runpy
 import shutil
 import socket
 import subprocess
@@ -133,18 +132,6 @@ def test_the_address_of_the_repository_is_decided_in_one_place(tmp_path):
     (tmp_path / "pyproject.toml").write_text(project)
     subprocess.run([sys.executable, "docs/set_owner.py"], cwd=tmp_path, check=True, capture_output=True)
     assert {path: path.read_text() for path in before} == before
-
-
-def test_links_of_the_page_on_pypi_are_absolute_or_absent():
-    package_page = runpy.run_path(str(ROOT / "docs/set_owner.py"))["package_page"]
-    text = "![Run](docs/demo.jpg) [`Guide`](docs/a.md#b) [up](#top) [site](https://x.org)"
-    here = "https://github.com/me/lab/blob"
-    assert package_page(text, None, "1.0") == " `Guide` [up](#top) [site](https://x.org)"
-    assert package_page(text, "me/lab", "1.0") == (
-        "![Run](https://raw.githubusercontent.com/me/lab/v1.0/docs/demo.jpg) "
-        f"[`Guide`]({here}/v1.0/docs/a.md#b) [up](#top) [site](https://x.org)"
-    )
-    assert package_page("[a](b)", "me/lab", "1.0.dev0") == f"[a]({here}/main/b)"
 
 
 def test_binder_installs_what_the_notebooks_need():
