@@ -18,7 +18,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 COLAB, BINDER = "https://colab.research.google.com/github", "https://mybinder.org/v2/gh"
 RUN_IT = (
-    '**Run it** in a copy of the repository: `make lab`, or `pip install ".[notebooks,training,viewer]"` and Jupyter.'
+    "**Run it**: `autonerf-lab course start FOLDER` copies all notebooks and opens them; in a copy of the repository, "
+    "`make lab` does."
 )
 INSTALL = """# Colab has Jupyter but not the package: install it, once (some minutes). Elsewhere this cell does nothing.
 import importlib.util

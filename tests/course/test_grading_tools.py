@@ -15,10 +15,13 @@ import pytest
 
 from autonerf_lab import course
 from autonerf_lab.course.assignments import points_of
+from autonerf_lab.course.notebooks import notebook_paths
 
-NUMBERS = os.environ.get("AUTONERF_LAB_GRADED_NOTEBOOKS", "00,04")  # "all" takes five minutes
-SELECTED = None if NUMBERS == "all" else NUMBERS
 PATH = os.pathsep.join([sysconfig.get_path("scripts"), os.environ["PATH"]])  # nbgrader runs alembic
+STEMS = [path.stem for path in notebook_paths()]
+
+needs_nbgrader = pytest.mark.skipif(find_spec("nbgrader") is None, reason="needs the extra nbgrader")
+needs_otter = pytest.mark.skipif(find_spec("otter") is None, reason="needs the extra otter")
 
 
 def run(*command, cwd=None):
@@ -35,9 +38,19 @@ def run(*command, cwd=None):
 
 
 def exported(tool, folder):
-    selection = [] if SELECTED is None else ["--notebooks", SELECTED]
-    printed = run("autonerf_lab.cli", "course", "export", "--to", tool, "--out", folder, *selection).stdout
-    return [Path(line) for line in printed.splitlines() if line.endswith(".ipynb")]
+    """Student versions of all notebooks by name, and their folder."""
+    printed = run("autonerf_lab.cli", "course", "export", "--to", tool, "--out", folder).stdout
+    return {path.stem: path for line in printed.splitlines() if (path := Path(line)).suffix == ".ipynb"}, folder
+
+
+@pytest.fixture(scope="module")
+def nbgrader_course(tmp_path_factory):
+    return exported("nbgrader", tmp_path_factory.mktemp("nbgrader"))
+
+
+@pytest.fixture(scope="module")
+def otter_course(tmp_path_factory):
+    return exported("otter", tmp_path_factory.mktemp("otter"))
 
 
 def maximum(stem):
@@ -49,10 +62,16 @@ def sources(notebook):
 
 
 def check_student_version(path):
+    """Read a student version: no solution, neither marked nor as text, no hidden test, no output."""
     notebook = nbformat.read(path, as_version=4)
     text = sources(notebook)
     for hidden in ("SOLUTION", "HIDDEN", "course.solution", "course.grade"):
         assert hidden not in text and hidden not in json.dumps(notebook.metadata)
+    for name, exercise in course.EXERCISES.items():
+        if name[:2] == path.stem[:2]:
+            _, *body = course.solution(name).source.splitlines()
+            body = "\n".join(line for line in body if '"""' not in line)
+            assert body not in text, f"the solution of {exercise.name} is in the student version"
     assert not any(cell.get("outputs") for cell in notebook.cells)
     return notebook
 
@@ -67,44 +86,49 @@ def answer_with(notebook, start, source):
 FRACTION = "def opacity(s, d):\n    print('noise')\n    return np.exp(-s * d)"  # the fraction that passes: 1 of 4 cases
 
 
-@pytest.mark.skipif(find_spec("nbgrader") is None, reason="needs the extra nbgrader")
-def test_nbgrader(tmp_path):
-    for path in exported("nbgrader", tmp_path):
-        release, stem = check_student_version(path), path.stem
-        instructor = tmp_path / "source" / stem / path.name
-        assert "### BEGIN SOLUTION" in sources(nbformat.read(instructor, as_version=4))
-        student = answer_with(release, "def opacity", FRACTION) if stem == "00_tour" else release
-        for name, notebook in (("ada", nbformat.read(instructor, as_version=4)), ("bob", student)):
-            (tmp_path / "submitted" / name / stem).mkdir(parents=True)
-            nbformat.write(notebook, tmp_path / "submitted" / name / stem / path.name)
-        run("nbgrader", "autograde", stem, cwd=tmp_path)
-    run("nbgrader", "export", cwd=tmp_path)
-    with (tmp_path / "grades.csv").open() as file:
-        rows = [row for row in csv.DictReader(file)]
-    assert rows
-    for row in rows:
-        full = maximum(row["assignment"])
-        expected = full if row["student_id"] == "ada" else int(row["assignment"] == "00_tour")
-        assert (float(row["max_score"]), float(row["score"])) == (full, expected), row
-    graded = (tmp_path / "autograded" / "bob" / "00_tour" / "00_tour.ipynb").read_text()
-    assert "Hint: This is the fraction that passes" in graded
+def with_one_point(notebook, stem):
+    """The empty student version; that of notebook 00 with an answer that is right in one case."""
+    return answer_with(notebook, "def opacity", FRACTION) if stem == "00_tour" else notebook
 
 
-@pytest.mark.skipif(find_spec("otter") is None, reason="needs the extra otter")
-def test_otter(tmp_path):
-    def graded(stem, submission):
-        (autograder,) = (tmp_path / stem / "autograder").glob("*.zip")
+@needs_nbgrader
+@pytest.mark.parametrize("stem", STEMS)
+def test_nbgrader(stem, nbgrader_course):
+    students, folder = nbgrader_course
+    release = check_student_version(students[stem])
+    instructor = nbformat.read(folder / "source" / stem / f"{stem}.ipynb", as_version=4)
+    assert "### BEGIN SOLUTION" in sources(instructor)
+    for name, notebook in (("ada", instructor), ("bob", with_one_point(release, stem))):
+        (folder / "submitted" / name / stem).mkdir(parents=True)
+        nbformat.write(notebook, folder / "submitted" / name / stem / f"{stem}.ipynb")
+    run("nbgrader", "autograde", stem, cwd=folder)
+    run("nbgrader", "export", cwd=folder)
+    with (folder / "grades.csv").open() as file:
+        rows = {row["student_id"]: row for row in csv.DictReader(file) if row["assignment"] == stem}
+    scores = {name: (float(row["score"]), float(row["max_score"])) for name, row in rows.items()}
+    full = maximum(stem)
+    assert scores == {"ada": (full, full), "bob": (int(stem == "00_tour"), full)}
+    if stem == "00_tour":
+        graded = (folder / "autograded" / "bob" / stem / f"{stem}.ipynb").read_text()
+        assert "Hint: This is the fraction that passes" in graded
+
+
+@needs_otter
+@pytest.mark.parametrize("stem", STEMS)
+def test_otter(stem, otter_course, tmp_path):
+    def graded(submission):
+        (autograder,) = (folder / stem / "autograder").glob("*.zip")
         shutil.copy(submission, tmp_path / "graded.ipynb")
         run("otter", "run", "-a", autograder, "-o", tmp_path, "--no-logo", tmp_path / "graded.ipynb")
         tests = json.loads((tmp_path / "results.json").read_text())["tests"]
         return sum(test.get("score", 0) for test in tests), sum(test.get("max_score", 0) for test in tests), tests
 
-    for path in exported("otter", tmp_path):
-        student, stem = check_student_version(path), path.stem
-        assert graded(stem, tmp_path / stem / "autograder" / path.name)[:2] == (maximum(stem), maximum(stem))
-        if stem == "00_tour":
-            nbformat.write(answer_with(student, "def opacity", FRACTION), tmp_path / "bob.ipynb")
-            points, full, tests = graded(stem, tmp_path / "bob.ipynb")
-            assert (points, full) == (1, maximum(stem))
-            assert "Hint: This is the fraction that passes" in tests[0]["output"], "public, with the hint"
-            assert "00-opacity, case 1: half a metre of air" in json.dumps(tests)
+    students, folder = otter_course
+    student, full = check_student_version(students[stem]), maximum(stem)
+    assert graded(folder / stem / "autograder" / f"{stem}.ipynb")[:2] == (full, full)
+    nbformat.write(with_one_point(student, stem), tmp_path / "bob.ipynb")
+    points, most, tests = graded(tmp_path / "bob.ipynb")
+    assert (points, most) == (int(stem == "00_tour"), full)
+    if stem == "00_tour":
+        assert "Hint: This is the fraction that passes" in tests[0]["output"], "public, with the hint"
+        assert "00-opacity, case 1: half a metre of air" in json.dumps(tests)
