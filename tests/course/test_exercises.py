@@ -73,6 +73,17 @@ def test_an_unknown_name_lists_the_exercises():
         course.check("01-nothing", None)
 
 
+def test_notebooks_continue_with_a_right_answer_or_with_the_solution(capsys):
+    def right(sigma, delta):
+        return 1 - np.exp(-sigma * delta)
+
+    assert course.accepted("00-opacity", right) is right
+    assert capsys.readouterr().out == "00-opacity: your answer\n"
+    for other in (None, lambda sigma, delta: ..., lambda sigma, delta: sigma):
+        assert course.accepted("00-opacity", other) is course.EXERCISES["00-opacity"].solution
+        assert capsys.readouterr().out.startswith("00-opacity: the solution of the package")
+
+
 def test_a_wrong_answer_is_shown_its_first_failed_case():
     assert DOUBLE.check(lambda x: 2 * x).status == RIGHT
     assert repr(DOUBLE.check(lambda x: x**2)) == ("double: not yet. For three: expected 6, got 9.\nHint: A square.")
