@@ -21,6 +21,13 @@ def calibration(uncertainty: np.ndarray, error: np.ndarray, groups: int) -> np.n
     return np.array([(uncertainty[part].mean(), error[part].mean()) for part in np.array_split(order, groups)])
 
 
+def _of_equal_width(uncertainty: np.ndarray, error: np.ndarray, groups: int) -> np.ndarray:
+    span = np.ptp(uncertainty) or 1.0
+    group = np.minimum(((uncertainty - uncertainty.min()) / span * groups).astype(int), groups - 1)
+    parts = [group == k for k in range(groups)]
+    return np.array([(uncertainty[p].mean(), error[p].mean()) if p.any() else (np.nan, np.nan) for p in parts])
+
+
 _GREY = np.array([[[0.2, 0.2, 0.2]], [[0.4, 0.4, 0.4]]])
 _TINTED = np.array([[[0.1, 0.5, 0.9], [0.3, 0.3, 0.3]], [[0.1, 0.5, 0.3], [0.3, 0.3, 0.3]]])
 _THREE = np.concatenate([_TINTED, [[[0.1, 0.2, 0.6], [0.0, 0.6, 0.3]]]])
@@ -109,17 +116,10 @@ CALIBRATION = Exercise(
         Mistake("The groups are in descending order.", lambda *a: calibration(*a)[::-1]),
         Mistake(
             "These groups have equal widths. Groups of equal size have equal numbers of pixels.",
-            lambda u, e, n: _of_equal_width(u, e, n),
+            _of_equal_width,
         ),
     ),
 )
-
-
-def _of_equal_width(uncertainty: np.ndarray, error: np.ndarray, groups: int) -> np.ndarray:
-    span = np.ptp(uncertainty) or 1.0
-    group = np.minimum(((uncertainty - uncertainty.min()) / span * groups).astype(int), groups - 1)
-    parts = [group == k for k in range(groups)]
-    return np.array([(uncertainty[p].mean(), error[p].mean()) if p.any() else (np.nan, np.nan) for p in parts])
 
 
 EXERCISES = (VARIANCE, MISSING, CALIBRATION)
