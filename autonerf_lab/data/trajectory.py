@@ -113,7 +113,9 @@ class Trajectory:
         layers: dict[str, np.ndarray] = {"file_path": self.rgb}
         if self.depth is not None:
             millimetres = np.rint(self.depth * np.float32(1000))
-            layers["depth_file_path"] = np.where(millimetres <= _MAX_DEPTH_MM, millimetres, 0).astype(np.uint16)
+            layers["depth_file_path"] = np.where(
+                (millimetres >= 0) & (millimetres <= _MAX_DEPTH_MM), millimetres, 0
+            ).astype(np.uint16)
         if self.semantics is not None:
             layers["semantics_file_path"] = self.semantics
         if self.confidence is not None:

@@ -160,9 +160,9 @@ def refine(
             *(np.ascontiguousarray(a.reshape(-1, 3), np.float32) for a in (rays_o, rays_d, wanted))
         )
         shape = (count, settings.rays, 3)
-        gradient = pose_gradients(
-            local, poses[:, :3, :3], grad_o.astype(np.float64).reshape(shape), grad_d.astype(np.float64).reshape(shape)
-        )
+        grad_o, grad_d = (a.astype(np.float64).reshape(shape) for a in (grad_o, grad_d))
+        with np.errstate(invalid="ignore"):  # infinite gradients
+            gradient = pose_gradients(local, poses[:, :3, :3], grad_o, grad_d)
         broken = ~np.isfinite(gradient).all(axis=1)
         gradient[broken] = 0
         gradient /= settings.rays

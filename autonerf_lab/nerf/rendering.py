@@ -171,7 +171,7 @@ def surface_loss(
     free = math.log(settings.free_density)
     error = (raw + LOG_SIGMA_START - wanted.clamp(min=free)) / settings.sharpness
     compared = (depth[:, None] > 0) & (behind <= settings.behind) & ((wanted > free) | (error > 0))
-    return (error**2 / 2 * compared).sum(dim=1)
+    return (torch.where(compared, error, 0) ** 2 / 2).sum(dim=1)  # the square of others may be infinite
 
 
 def distortion_loss(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor, turn: float) -> torch.Tensor:

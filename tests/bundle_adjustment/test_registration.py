@@ -183,3 +183,27 @@ def test_overlap_counts_the_points_on_surfaces_of_the_other_frame(images: RangeI
     overlap(away, images.camera, images.surface, images.normals, points, 0.05, shared)
     flat = (images.surface[0][points[:, 0], points[:, 1]] > 0).sum()
     assert shared[0, 0] == flat and 0.4 * flat < shared[0, 1] < flat and shared[0, 2] == shared[2, 0] == 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_any_depth_and_pose_gives_finite_planes_and_equations(seed: int) -> None:
+    """Depth without a limit, on surfaces and in single pixels; cameras that nearly coincide or lie anywhere."""
+    rng = np.random.default_rng(seed)
+    extreme = np.float32([0, -1, 1e-45, 1e-38, 1e-20, 1e-3, 65.5, 1e10, 1e20, 1e38, np.inf, -np.inf, np.nan])
+    depths = [view(pose)[1] * rng.choice(np.float32([1, 1, 1e-30, 1e-3, 1e10, 1e36])) for pose in POSES]
+    for depth in depths:
+        wrong = rng.random(depth.shape) < rng.choice([0.0, 0.02, 0.5])
+        depth[wrong] = rng.choice(extreme, wrong.sum())
+    found = range_images(dataset(depths=depths))
+    assert np.isfinite(found.surface).all() and np.isfinite(found.normals).all() and (found.surface >= 0).all()
+    poses = POSES.copy()
+    poses[:, :3, 3] *= rng.choice([0, 1e-30, 1, 1e9])
+    pairs, rows = np.array([(i, j) for i in range(3) for j in range(3) if i != j]), np.empty((6, ROW))
+    for gate in (1e-12, 0.4, 1e30):
+        arrays = found.camera, found.surface, found.normals, found.brightness
+        register(pairs, poses, *arrays, 1, gate, NOISE, BRIGHTNESS_NOISE, rows)
+        assert np.isfinite(rows).all(), gate
+    shared = np.zeros((3, 3), np.int16)
+    grid = np.array([(r, c) for r in range(2, 24, 4) for c in range(2, 32, 4)])
+    overlap(poses, found.camera, found.surface, found.normals, grid, 1e-12, shared)
+    assert shared.min() >= 0 and shared.max() <= len(grid)

@@ -58,14 +58,14 @@ def test_folder_is_a_nerfstudio_dataset(folder):
     assert all((folder / frame["semantics_file_path"]).exists() for frame in content["frames"])
 
 
-def test_depth_is_rounded_to_millimetres_and_distant_depth_is_none(tmp_path):
+def test_depth_is_rounded_to_millimetres_and_depth_that_is_distant_or_no_distance_is_none(tmp_path):
     trajectory = _trajectory(1)
     depth = np.zeros((1, 6, 8), np.float32)
-    depth[0, 0, :3] = 1.2344, 1.2346, 70.0
+    depth[0, 0, :7] = 1.2344, 1.2346, 70.0, -1.0, np.inf, -np.inf, np.nan
     Trajectory(trajectory.poses, trajectory.rgb, depth, None, trajectory.intrinsics).save(tmp_path)
     again = load_trajectory(tmp_path)
     assert again.depth is not None
-    np.testing.assert_allclose(again.depth[0, 0, :4], [1.234, 1.235, 0, 0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(again.depth[0, 0, :7], [1.234, 1.235, 0, 0, 0, 0, 0], rtol=0, atol=1e-6)
     assert again.semantics is None
 
 

@@ -82,6 +82,16 @@ def test_steps_of_adam_by_hand():
     assert not z.any() and (trace[:, 0, :3, :3] == np.eye(3)).all()
 
 
+@pytest.mark.parametrize("size", [0, 1e-45, 1e-38, 1e-20, 1e20, 1e38, np.inf, np.nan])
+def test_poses_stay_rigid_with_any_gradient(size):
+    """Gradients are float32: the largest moves a pose by the learning rate, one that is not finite not at all."""
+    field = Slope(*[np.float32([size, -size, 0])] * 3)
+    camera, targets = Intrinsics.from_fov(4, 4), np.zeros((1, 4, 4, 3), np.uint8)
+    trace, _ = refine(field, np.eye(4)[None], targets, camera, Refinement(3, 8, lr=0.01))
+    assert np.isfinite(trace).all() and np.abs(trace[-1, 0, :3, 3]).max() <= 0.031
+    assert (trace[-1] == np.eye(4)).all() or 0 < size < np.inf
+
+
 def test_the_default_settings_are_those_of_the_protocol():
     assert Refinement() == Refinement(iterations=200, rays=1024, lr=0.01, lr_final=0.0003, interest=False)
 

@@ -107,3 +107,20 @@ def test_a_single_wall_leaves_the_motion_along_it_to_the_prior():
     found = match(make_scan(np.full((64, 64), 1.9), CAMERA), np.array([0.0, 0.07, 0.0]), PRIOR, [(np.zeros(3), wall)])
     np.testing.assert_allclose(found.pose, [0.1, 0.07, 0.0], atol=1e-3)
     assert found.information[1, 1] < 1e-6 * found.information[0, 0]
+
+
+def test_any_depth_and_motion_gives_a_finite_factor(sim):
+    """Depth beyond the limits of a scan is left out; motions far away overlap with nothing."""
+    rng = np.random.default_rng(0)
+    depth = sim.render(to_matrices(np.array([[2.0, 1.5, 0.3]]))[0], rgb=False).depth
+    extreme = np.float32([-1, 0, 1e-45, 1e-20, 0.1, 0.101, 65.5, 1e38, np.inf, -np.inf, np.nan])
+    scans = []
+    for share in (0.0, 0.05, 1.0):
+        wrong = rng.random(depth.shape) < share
+        scans.append(make_scan(np.where(wrong, rng.choice(extreme, depth.shape), depth), CAMERA))
+        assert np.isfinite(scans[-1].points).all() and np.isfinite(scans[-1].planes).all()
+    for motion in ([0, 0, 0], [1e-45, 0, 1e-45], [1e9, -1e9, 1e9], [1e38, 1e38, 1e5], [0.1, 0, 7.0]):
+        for scan in scans:
+            for width in (1e-12, 0.1, 1e30):
+                factor = compare(scan, scans[0], np.array(motion, dtype=np.float64), width)
+                assert np.isfinite(factor.information).all() and np.isfinite(factor.gradient).all(), (motion, width)

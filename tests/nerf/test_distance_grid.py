@@ -5,7 +5,9 @@ import pytest
 from scipy.ndimage import distance_transform_cdt
 
 from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.nerf import distance_grid
 from autonerf_lab.nerf.distance_grid import DistanceGrid, fuse_depth
 from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.kernels.distance_grid import UNKNOWN, finish
@@ -108,3 +110,30 @@ def test_a_ray_that_leaves_a_thin_object_continues() -> None:
     samples = sampler.sample(Rays(np.zeros((1, 3), np.float32), np.float32([[0, 0, 1]])), np.float32([0.5]))
     near_plate, near_wall = (np.abs(samples.midpoints[0] - surface) < 0.12 for surface in (1.0, 2.0))
     assert near_plate.sum() >= 5 and near_wall.sum() >= 4 and samples.ends[0, -1] > 2.05
+
+
+def test_depth_that_is_no_distance_counts_as_none_and_outliers_do_not_enlarge_the_grid(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Infinite, NaN or negative depth is the "none" of other programs; one pixel of 65 m lies in front of a wall."""
+    pixels, wrong = wall_pixels(), wall_pixels()
+    assert pixels.depth is not None and wrong.depth is not None
+    depth = pixels.depth.reshape(9, 192, 192).copy()
+    depth[:, 0, 0:4] = np.inf, -np.inf, np.nan, -1.0
+    data = Dataset(
+        wrong.poses.astype(np.float64), list(wrong.rgb.reshape(9, 192, 192, 3)), [Intrinsics.from_fov(192, 192)] * 9,
+        None, list(depth), wrong.names, {}, True,
+    )  # fmt: skip
+    cleaned = PixelSampler(data, FieldFrame())
+    assert cleaned.depth is not None and (cleaned.depth.reshape(9, 192, 192)[:, 0, :4] == 0).all()
+    assert (cleaned.depth.reshape(9, 192, 192)[:, 1:] == WALL).all()
+    whole = fuse_depth(pixels, 0.03, 0.09, 10**6)
+    pixels.depth[0] = pixels.depth[192 * 191] = 65.0
+    monkeypatch.setattr(distance_grid, "MAX_CELLS", 4 * whole.distances.size)
+    found = fuse_depth(pixels, 0.03, 0.09, 10**6)
+    assert found.distances.size <= 4 * whole.distances.size
+    depths = np.array([1.92, 1.95, 2.0, 2.05])
+    np.testing.assert_allclose(found(np.stack([0 * depths, 0 * depths, -depths], axis=1)), WALL - depths, atol=0.035)
+    monkeypatch.setattr(distance_grid, "MAX_CELLS", 8)
+    with pytest.raises(DataError, match="too far apart for voxels of 0.03 m"):
+        fuse_depth(pixels, 0.03, 0.09, 10**6)
