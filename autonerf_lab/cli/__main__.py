@@ -2,7 +2,7 @@
 
 import sys
 
-from autonerf_lab.cli.main import main
+from autonerf_lab.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

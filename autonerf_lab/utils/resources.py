@@ -6,12 +6,30 @@ whole machine are returned.
 """
 
 import contextlib
+import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
 PROC = Path("/proc/self")
 CGROUPS = Path("/sys/fs/cgroup")
+
+
+_OUT_OF_MEMORY = ("cannot allocate memory", "can't allocate memory", "failed to map segment", "out of memory")
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Return True if an error was caused by a limit of the memory: of Python, of a shared library, or of torch.
+
+    Example:
+        >>> is_out_of_memory(MemoryError()), is_out_of_memory(OSError(errno.ENOMEM, "")), is_out_of_memory(OSError())
+        (True, True, False)
+        >>> is_out_of_memory(ImportError("libgfortran.so: failed to map segment from shared object"))
+        True
+    """
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    return any(words in str(error).lower() for words in _OUT_OF_MEMORY)
 
 
 def cores() -> int:

@@ -14,7 +14,7 @@ import pytest
 import toy_photos
 import tyro
 
-from autonerf_lab.cli.main import _STYLE, CommandLine
+from autonerf_lab.cli.command_line import _STYLE, CommandLine
 from autonerf_lab.envs import ENVS
 from autonerf_lab.evaluators import METRICS
 from autonerf_lab.nerf import MODELS

@@ -135,5 +135,5 @@ def test_depth_that_is_no_distance_counts_as_none_and_outliers_do_not_enlarge_th
     depths = np.array([1.92, 1.95, 2.0, 2.05])
     np.testing.assert_allclose(found(np.stack([0 * depths, 0 * depths, -depths], axis=1)), WALL - depths, atol=0.035)
     monkeypatch.setattr(distance_grid, "MAX_CELLS", 8)
-    with pytest.raises(DataError, match="too far apart for voxels of 0.03 m"):
+    with pytest.raises(DataError, match=r"too far apart for voxels of 0\.03 m"):
         fuse_depth(pixels, 0.03, 0.09, 10**6)

@@ -226,7 +226,7 @@ def points(rng):
     box = SceneBox(draw(rng, NETWORK[:12], 3), half, float(rng.choice([1e-12, 0.25, 1e6])))
     places = tensor(draw(rng, NETWORK[:13], 50, 3))
     found = box.contract_tensor(places)
-    assert -1e-6 <= found.min() and found.max() <= 1 + 1e-6
+    assert found.min() >= -1e-6 and found.max() <= 1 + 1e-6
     inside = box.expand(rng.choice([1e-45, 1e-12, 0.5, 1 - 1e-12], (50, 3)))
     return found, box.contract(places.detach().numpy()), inside
 

@@ -38,6 +38,7 @@ from autonerf_lab.cli.video import VideoCommand
 from autonerf_lab.cli.view import ViewCommand
 from autonerf_lab.errors import AutoNerfError
 from autonerf_lab.utils import plugins
+from autonerf_lab.utils.resources import is_out_of_memory
 from autonerf_lab.utils.storage import is_disk_full
 
 
@@ -81,19 +82,8 @@ _STYLE = (
 )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command.
-
-    Args:
-        arguments: Command-line arguments without the name of the program; None: those of the process.
-
-    Returns:
-        Exit code: 0, 1 after an error of the package, 130 after Ctrl-C.
-
-    Raises:
-        SystemExit: With code 0 after ``--help``, with code 2 after invalid arguments.
-    """
-    arguments = sys.argv[1:] if arguments is None else arguments
+def run(arguments: Sequence[str]) -> int:
+    """Run a command and return its exit code; see :func:`autonerf_lab.cli.main`."""
     if "--version" in arguments:  # needs no command
         print(f"autonerf-lab {__version__}")
         return 0
@@ -117,8 +107,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has ended
         _discard_output()
-    except OSError as error:
-        if debug or not is_disk_full(error) or error.filename is not None:
+    except Exception as error:
+        if not debug and is_out_of_memory(error):
+            print(
+                f"error: out of memory ({str(error) or 'no details'}); raise its limit or end others", file=sys.stderr
+            )
+            return 1
+        if debug or not isinstance(error, OSError) or not is_disk_full(error) or error.filename is not None:
             raise
         _discard_output()
         print(f"error: cannot write the output of the command: {error.strerror}", file=sys.stderr)
