@@ -16,6 +16,7 @@ class Interrupt(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):
         if name == MODULE:
             signal.raise_signal(signal.SIGINT)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background would ignore it
 import autonerf_lab.cli
 sys.meta_path.insert(0, Interrupt())
 sys.exit(autonerf_lab.cli.main())
