@@ -147,7 +147,8 @@ class _Training:
         rate = min(1.0, (self.step + 1) / _RISE) * (1 + math.cos(math.pi * self.step / settings.steps)) / 2
         for group in self.optimizer.param_groups:
             group["lr"] = settings.lr * rate
-        losses = likelihood_loss(*self.network(images, prior), wanted)
+        correction, information = self.network(images, prior)
+        losses = likelihood_loss(correction, information, wanted)
         loss = losses.clamp(max=_LARGEST_LOSS).mean()
         self.optimizer.zero_grad()
         loss.backward()
