@@ -32,7 +32,7 @@ def residual_image(scan: Scan, reference: Scan, motion: np.ndarray) -> np.ndarra
         >>> wall, nearer = (make_scan(np.full((64, 64), d), Intrinsics.from_fov(64, 64)) for d in (2.0, 1.9))
         >>> image = residual_image(nearer, wall, np.array([0.09, 0.0, 0.0]))
         >>> (image[:, 16, 16] * [INVERSE_DEPTH_SIGMA, 1, 1, 1, 1]).round(4) + 0
-        array([-0.0025,  0.2513,  0.    ,  0.0039,  1.    ])
+        array([-0.0025,  0.2513,  0.    ,  0.0075,  1.    ])
     """
     image = np.zeros((CHANNELS, *scan.points.shape[:2]), np.float32)
     _fill(scan.points, reference.planes, reference.camera, motion[0], motion[1], motion[2], image)
