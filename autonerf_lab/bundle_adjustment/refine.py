@@ -113,8 +113,8 @@ def with_mean(poses: np.ndarray, rough: np.ndarray) -> np.ndarray:
 def pose_deviations(views: Trajectory | Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Return the standard deviations of refined poses: (T,) of the position, metres, and (T,) of the rotation, radians.
 
-    They are the square roots of the traces of the covariances. They hold the surfaces for fixed, which the other images
-    show; a pose without depth depends on its neighbours in the sequence, and on nothing where these have none, either.
+    They are the square roots of the traces of the covariances. With depth, these are calibrated on training apartments.
+    A pose without depth depends on its neighbours in the sequence, and on nothing where these have none, either.
 
     Raises:
         DataError: the poses were not refined.

@@ -32,6 +32,7 @@ from autonerf_lab.cli.refine_poses import RefinePosesCommand
 from autonerf_lab.cli.report import ReportCommand
 from autonerf_lab.cli.rewards import RewardsCommand
 from autonerf_lab.cli.scenes import ScenesCommand
+from autonerf_lab.cli.train_odometry import TrainOdometryCommand
 from autonerf_lab.cli.train_policy import TrainPolicyCommand
 from autonerf_lab.cli.train_segmentation import TrainSegmentationCommand
 from autonerf_lab.cli.video import VideoCommand
@@ -64,6 +65,7 @@ class CommandLine:
         | Annotated[ViewCommand, subcommand("view")]
         | Annotated[TrainPolicyCommand, subcommand("train-policy")]
         | Annotated[TrainSegmentationCommand, subcommand("train-segmentation")]
+        | Annotated[TrainOdometryCommand, subcommand("train-odometry")]
         | Annotated[BenchCommand, subcommand("bench")]
         | Annotated[CourseCommand, subcommand("course")]
         | Annotated[RewardsCommand, subcommand("rewards")]

@@ -133,9 +133,22 @@ class Trajectory:
         except OSError as error:
             raise DataError(f"cannot write {folder}: {error.strerror or error}; choose another folder") from error
         parallel(lambda t: _write_frame(folder, layers, t), len(self))
+        self.save_poses(folder)
+
+    def save_poses(self, folder: str | Path) -> None:
+        """Write poses and metadata into the folder of this trajectory, whose images stay as they are.
+
+        Args:
+            folder: holds the images of this trajectory, written by :meth:`save`.
+
+        Raises:
+            DataError: ``transforms.json`` cannot be written; an existing one stays.
+        """
+        present = {"depth": self.depth, "semantics": self.semantics, "confidence": self.confidence}
+        keys = ["file_path", *(f"{name}_file_path" for name, array in present.items() if array is not None)]
         k = self.intrinsics
         storage.write_json(
-            folder / "transforms.json",
+            Path(folder) / "transforms.json",
             {
                 "camera_model": "OPENCV",
                 **{"w": k.width, "h": k.height, "fl_x": k.fl_x, "fl_y": k.fl_y, "cx": k.cx, "cy": k.cy},
@@ -146,7 +159,7 @@ class Trajectory:
                     **sources_to_json(self.pose_source, self.other_poses),
                 },
                 "frames": [
-                    {**{key: _frame_path(key, t) for key in layers}, "transform_matrix": pose.tolist()}
+                    {**{key: _frame_path(key, t) for key in keys}, "transform_matrix": pose.tolist()}
                     for t, pose in enumerate(self.poses)
                 ],
             },

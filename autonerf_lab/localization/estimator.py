@@ -1,5 +1,7 @@
 """Online pose estimation: calibrated odometry, scan matching with keyframes, and a pose graph with loop closures."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from autonerf_lab.geometry import Intrinsics
@@ -9,6 +11,9 @@ from autonerf_lab.localization.scan import Scan, make_scan
 from autonerf_lab.localization.scan_matching import WIDTHS, ScanFactor, compare, match
 from autonerf_lab.localization.se2 import between, compose, moved_covariance, to_matrices, to_planar
 from autonerf_lab.types import Action, Observation
+
+if TYPE_CHECKING:
+    from autonerf_lab.localization.learned import LearnedOdometry
 
 KEYFRAME_DISTANCE, KEYFRAME_ANGLE = 0.4, float(np.radians(20))  # nearest keyframe, beyond which a new one is made
 _REACH, _ANGLE = 3.0, float(np.radians(75))  # metres and radians, farthest keyframe that is compared
@@ -34,8 +39,9 @@ class PoseEstimator:
     Args:
         intrinsics: camera model of the depth images.
         model: calibration of the odometry.
-        scans: match depth images with keyframes; without, the estimate is calibrated odometry.
+        scans: match depth images with keyframes; without, the estimate is the sum of the motions.
         loops: correct earlier poses in a pose graph; without, keyframes stay where they were added.
+        learned: correction of each motion by a network; None: calibrated odometry.
 
     Attributes:
         pose: (3,) estimated x, y, heading.
@@ -43,8 +49,15 @@ class PoseEstimator:
         revision: number of corrections of earlier poses so far.
     """
 
-    def __init__(self, intrinsics: Intrinsics, model: OdometryModel, scans: bool = True, loops: bool = True) -> None:
-        self.intrinsics, self.model, self.scans, self.loops = intrinsics, model, scans, loops
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        model: OdometryModel,
+        scans: bool = True,
+        loops: bool = True,
+        learned: "LearnedOdometry | None" = None,
+    ) -> None:
+        self.intrinsics, self.model, self.scans, self.loops, self.learned = intrinsics, model, scans, loops, learned
 
     def start(self, observation: Observation) -> None:
         """Begin an episode at the known pose of the first observation."""
@@ -55,7 +68,7 @@ class PoseEstimator:
         self._frames: list[int] = []  # of the keyframes
         self._scans: list[Scan] = []
         self._optimized = 0
-        self._last = make_scan(observation.depth, self.intrinsics) if self.scans else None
+        self._last = self._scan(observation)
         if self._last is not None and self._last.count >= _POINTS:
             self._frames, self._scans = [0], [self._last]
 
@@ -78,17 +91,17 @@ class PoseEstimator:
         """Add the observation after an action; its pose is that of odometry."""
         measured = to_planar(observation.pose)
         motion = self.model.corrected(between(self._measured, measured), action)
-        noise, before = self.model.covariances[Action(action)], self.pose
+        noise, before, scan = self.model.covariances[Action(action)], self.pose, self._scan(observation)
+        if self.learned is not None and scan is not None and self._last is not None:
+            motion, noise = self.learned.correct(scan, self._last, motion, noise)
         self._measured = measured
         self._base = moved_covariance(before, self._base, motion, np.zeros((3, 3)))
         self._local = moved_covariance(before, self._local, motion, noise)
         self.pose = compose(before, motion)
         node = self._graph.add_pose(self.pose)
-        if self.scans:
-            scan = make_scan(observation.depth, self.intrinsics)
-            if not self._localize(scan, node):
-                noise, self._local = noise + _LOST, self._local + _LOST
-            self._last = scan
+        if self.scans and scan is not None and not self._localize(scan, node):
+            noise, self._local = noise + _LOST, self._local + _LOST
+        self._last = scan
         self._graph.add_edge(node - 1, node, motion, np.linalg.inv(noise))
         if self.scans and self.loops and node - self._optimized >= _OPTIMIZE_EVERY:
             self.optimize()
@@ -106,6 +119,10 @@ class PoseEstimator:
         """Correct all poses at the end of an episode."""
         if self.scans and self.loops:
             self.optimize(_FINAL_ITERATIONS)
+
+    def _scan(self, observation: Observation) -> Scan | None:
+        needed = self.scans or self.learned is not None
+        return make_scan(observation.depth, self.intrinsics) if needed else None
 
     def _localize(self, scan: Scan, node: int) -> bool:
         """Match a scan with the keyframes and move the pose; return False if the scan contradicts the odometry."""

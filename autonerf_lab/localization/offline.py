@@ -9,13 +9,22 @@ import numpy as np
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
+from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.localization.estimator import PoseEstimator
 from autonerf_lab.localization.odometry import OdometryModel
 from autonerf_lab.simulator.motion_noise import MotionNoise
 from autonerf_lab.types import Observation
 
-ESTIMATORS: dict[str, Callable[..., PoseEstimator]] = {
+
+def _learned(intrinsics: Intrinsics, model: OdometryModel) -> PoseEstimator:
+    from autonerf_lab.localization.learned import LearnedOdometry
+
+    return PoseEstimator(intrinsics, model, scans=False, learned=LearnedOdometry())
+
+
+ESTIMATORS: dict[str, Callable[[Intrinsics, OdometryModel], PoseEstimator]] = {
     "calibrated": partial(PoseEstimator, scans=False),
+    "learned": _learned,
     "scan-matching": partial(PoseEstimator, loops=False),
     "pose-graph": PoseEstimator,
 }
@@ -26,8 +35,8 @@ def estimate_poses(trajectory: Trajectory, estimator: str = "pose-graph") -> Tra
 
     Args:
         trajectory: recorded with noise by :func:`autonerf_lab.explore`, which records odometry, depth and actions.
-        estimator: ``calibrated`` (odometry without its mean error), ``scan-matching`` (with recent keyframes) or
-            ``pose-graph`` (with loop closures).
+        estimator: ``calibrated`` (odometry without its mean error), ``learned`` (each motion corrected by a network),
+            ``scan-matching`` (with recent keyframes) or ``pose-graph`` (with loop closures).
 
     Returns:
         The trajectory with the poses ``estimated``; ``meta`` contains ``pose_std``, the standard deviations of x, y

@@ -6,7 +6,7 @@ An interrupted run therefore gives the same results as an uninterrupted one, and
 
 from collections.abc import Callable
 
-from autonerf_lab.errors import RunFolderError
+from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.pipeline.context import StageContext
 from autonerf_lab.utils import storage
 
@@ -39,9 +39,17 @@ def _explore(context: StageContext) -> None:
         sim, config.policy, steps=size.episode_steps, seed=config.seed, map_size=config.map_size or MAP_SIZE,
         poses="estimated" if refined else config.poses or "odometry",
     )  # fmt: skip
+    folder = context.run / "trajectory"
+    trajectory.save(folder)  # first: refinement can be refused
     if refined:
-        trajectory = refine_poses(trajectory)
-    trajectory.save(context.run / "trajectory")
+        try:
+            trajectory = refine_poses(trajectory)
+        except DataError as error:
+            raise DataError(
+                f"{error}. The exploration is saved with its estimated poses; `autonerf-lab adopt {folder} --out RUN` "
+                "makes a run of it"
+            ) from error
+        trajectory.save_poses(folder)
     draw_trajectory(context.run / "figures", context.scene, context.trajectory, context.options.figures)
 
 

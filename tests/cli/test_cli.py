@@ -24,6 +24,7 @@ COMMANDS = (
     "point-cloud",
     "video",
     "view",
+    "train-odometry",
     "train-policy",
     "rewards",
     "bench",

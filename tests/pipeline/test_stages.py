@@ -10,6 +10,7 @@ import pytest
 import toy_scene
 
 from autonerf_lab import cli, pipeline
+from autonerf_lab.data.trajectory import load_trajectory
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError, UnknownNameError
 from autonerf_lab.pipeline import run as run_module
 from autonerf_lab.pipeline.run_folder import STAGES, load_run
@@ -196,6 +197,23 @@ def test_pose_sources_of_exploration_and_training(tmp_path, monkeypatch):
     pipeline.run_stage(tmp_path / "b", "fit", "instant-ngp")
     assert used[-1].pose_source == "refined"
     assert list(used[-1].pose_sources) == ["true", "odometry", "estimated", "refined"]
+
+
+def test_a_refused_refinement_keeps_the_exploration(tmp_path, monkeypatch):
+    def refuse(trajectory):
+        raise DataError("0 of 3 views overlap")
+
+    toy = toy_scene.to_scene(toy_scene.two_rooms())
+    monkeypatch.setattr(run_module, "find_scene", lambda name: toy)
+    monkeypatch.setitem(run_module.STAGE_FUNCTIONS, "scene", lambda context: None)
+    monkeypatch.setattr("autonerf_lab.bundle_adjustment.refine_poses", refuse)
+    conditions = {"noise": "ans", "depth_noise": "redwood", "poses": "refined", "steps": 3}
+    with pytest.raises(DataError, match=r"0 of 3 views overlap. The exploration is saved .*autonerf-lab adopt"):
+        run_pipeline(tmp_path, policy="random", last="explore", **conditions)
+    saved = load_trajectory(tmp_path / "trajectory")
+    assert (len(saved), saved.pose_source) == (3, "estimated") and "true" in saved.pose_sources
+    monkeypatch.undo()
+    assert not load_run(tmp_path).finished("explore")
 
 
 def test_poses_of_fit_belong_to_a_run_or_to_photographs(tmp_path, capsys):

@@ -1,0 +1,102 @@
+"""Learned odometry: the motion of a step from two successive depth images and the measured motion.
+
+The role is that of the pose estimator of Active Neural SLAM (Chaplot et al. 2020), which regresses the correction from
+two egocentric maps with cells of 5 cm, the earlier one warped by the measured motion. Here the images themselves are
+compared, whose residuals resolve millimetres, and the network weighs them (:mod:`.motion_network`). Errors of single
+steps shrink; without a map they still add up.
+
+``odometry.json`` beside the weights names the command of the training, its settings, the learning curve and the digest
+of the code on which the inputs depend.
+"""
+
+import ast
+import hashlib
+import inspect
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from autonerf_lab.errors import DataError
+from autonerf_lab.localization import motion_network, residual_image, scan
+from autonerf_lab.localization.motion_network import MotionNetwork
+from autonerf_lab.localization.scan import Scan
+from autonerf_lab.utils.storage import read_arrays, read_json, write_arrays, write_json
+
+WEIGHTS = Path(__file__).parent / "weights" / "odometry"
+VERSION = 1
+
+
+class LearnedOdometry:
+    """Correction of measured motions by a trained network.
+
+    Args:
+        path: weights, ``.safetensors`` with a ``.json`` beside it; default: those of the package.
+
+    Raises:
+        DataError: a file is missing, damaged or belongs to another network.
+    """
+
+    def __init__(self, path: str | Path = WEIGHTS) -> None:
+        self._network = load_network(path)
+
+    def correct(
+        self, current: Scan, previous: Scan, motion: np.ndarray, covariance: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the corrected motion (3,) between two scans and its covariance (3, 3).
+
+        Args:
+            current: scan after the motion.
+            previous: scan before it.
+            motion: (3,) measured, without its mean error; metres and radians in the frame of the previous scan.
+            covariance: (3, 3) of its error.
+        """
+        image = residual_image.residual_image(current, previous, motion)
+        with torch.inference_mode():
+            prior = torch.from_numpy(np.linalg.inv(covariance)).float()
+            correction, information = self._network(torch.from_numpy(image)[None], prior[None])
+        return motion + correction[0].double().numpy(), np.linalg.inv(information[0].double().numpy())
+
+
+def save_network(path: str | Path, network: nn.Module, meta: dict[str, Any]) -> None:
+    """Write ``path``.safetensors, in half precision, and ``path``.json with the training."""
+    path = Path(path)
+    arrays = {name: value.detach().numpy().astype(np.float16) for name, value in network.state_dict().items()}
+    write_arrays(path.with_suffix(".safetensors"), arrays)
+    write_json(path.with_suffix(".json"), {"version": VERSION, "inputs_sha256": inputs_sha256(), **meta})
+
+
+def load_network(path: str | Path) -> nn.Module:
+    """Return the network for inference.
+
+    Raises:
+        DataError: a file is missing, damaged or belongs to another network.
+    """
+    path = Path(path)
+    meta = read_json(path.with_suffix(".json"), dict[str, Any])
+    if meta.get("version") != VERSION:
+        raise DataError(f"{path.with_suffix('.json')} needs version {VERSION}; train the weights again")
+    weights = path.with_suffix(".safetensors")
+    arrays, _ = read_arrays(weights, dict[str, Any])
+    network = MotionNetwork().eval()
+    wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
+    if {name: array.shape for name, array in arrays.items()} != wanted:
+        raise DataError(f"{weights} belongs to another network; train the weights again")
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise DataError(f"{weights} contains values that are not finite; train the weights again")
+    network.load_state_dict({name: torch.from_numpy(array.astype(np.float32)) for name, array in arrays.items()})
+    return network
+
+
+def inputs_sha256() -> str:
+    """Return the SHA-256 of the code on which the inputs of the network depend, without comments and docstrings."""
+    digest = hashlib.sha256()
+    for module in (scan, residual_image, motion_network):
+        tree = ast.parse(inspect.getsource(module))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+                node.body = node.body[1:]
+        digest.update(ast.unparse(tree).encode())
+    return digest.hexdigest()
