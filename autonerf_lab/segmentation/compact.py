@@ -1,4 +1,6 @@
-"""Segmenter ``compact``: a small network trained on renders of generated apartments.
+"""Segmenter ``compact``: a small network on RGB-D, trained on renders of generated apartments.
+
+Without a depth image it works on colours alone; a part of the training images has no depth.
 
 ``compact.json`` beside the weights names the command of the training, the number of frames, the hours and the learning
 curve. Confidence is the largest probability after division of the logits by a temperature, which was fitted on
@@ -18,12 +20,12 @@ from autonerf_lab.segmentation.network import CompactNetwork, fold_normalization
 from autonerf_lab.utils.storage import read_arrays, read_json, write_arrays, write_json
 
 WEIGHTS = Path(__file__).parent / "weights" / "compact"
-VERSION = 1
+VERSION = 2
 _BATCH = 16  # images at a time
 
 
 class Compact:
-    """Small encoder-decoder on RGB.
+    """Small encoder-decoder on colours and, where it is given, depth.
 
     Args:
         path: weights, ``.safetensors`` with a ``.json`` beside it; default: those of the package.
@@ -41,19 +43,23 @@ class Compact:
     def __call__(
         self, rgb: np.ndarray, depth: np.ndarray | None = None, truth: np.ndarray | None = None
     ) -> Segmentation:
-        """Segment (H, W, 3) or (B, H, W, 3) uint8 images; depth and truth are not read."""
+        """Segment (H, W, 3) or (B, H, W, 3) uint8 images; truth is not read."""
         images = np.asarray(rgb)
         batch = images.reshape(-1, *images.shape[-3:])
-        labels, confidence = predict(self._network, batch, self._temperature)
+        metres = np.zeros(batch.shape[:-1], np.float32) if depth is None else np.asarray(depth, np.float32)
+        labels, confidence = predict(self._network, batch, metres.reshape(batch.shape[:-1]), self._temperature)
         return Segmentation(labels.reshape(images.shape[:-1]), confidence.reshape(images.shape[:-1]))
 
 
-def predict(network: nn.Module, rgb: np.ndarray, temperature: float) -> tuple[np.ndarray, np.ndarray]:
+def predict(
+    network: nn.Module, rgb: np.ndarray, depth: np.ndarray, temperature: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the most probable labels (B, H, W) uint8 and their probabilities (B, H, W) float32.
 
     Args:
         network: network in evaluation mode.
         rgb: (B, H, W, 3) uint8.
+        depth: (B, H, W) float32, metres, 0 where there is no reading.
         temperature: divisor of the logits.
     """
     labels = np.empty(rgb.shape[:-1], np.uint8)
@@ -61,7 +67,8 @@ def predict(network: nn.Module, rgb: np.ndarray, temperature: float) -> tuple[np
     with torch.inference_mode():
         for start in range(0, len(rgb), _BATCH):
             part = slice(start, start + _BATCH)
-            logits = network(torch.from_numpy(np.ascontiguousarray(rgb[part])).permute(0, 3, 1, 2))
+            images = torch.from_numpy(np.ascontiguousarray(rgb[part])).permute(0, 3, 1, 2)
+            logits = network(images, torch.from_numpy(np.ascontiguousarray(depth[part])))
             logits = logits.float() / temperature
             best, index = logits.max(dim=1)
             labels[part] = index.numpy()

@@ -1,8 +1,10 @@
 """Network of the ``compact`` segmenter: an encoder and a decoder with skip connections, 1.6 million parameters.
 
-The image is folded to half resolution before the first convolution (pixel unshuffle), and the logits of four pixels are
-unfolded from one cell after the last (Shi et al. 2016). No layer runs at full resolution, where most of the time of
-such networks goes, and no pixel is discarded.
+The input is the colour image and, where there is one, the depth image: its inverse tells near from far, and depth times
+the row of the pixel is the height of the point below a level camera with a horizontal field of view of 90 degrees. The
+input to half resolution before the first convolution (pixel unshuffle), and the logits of four pixels are unfolded
+from one cell after the last (Shi et al. 2016). No layer runs at full resolution, where most of the time of such networks
+goes, and no pixel is discarded.
 """
 
 import torch
@@ -38,7 +40,7 @@ class CompactNetwork(nn.Module):
 
     Example:
         >>> network = CompactNetwork().eval()
-        >>> network(torch.zeros(1, 3, 48, 40, dtype=torch.uint8)).shape
+        >>> network(torch.zeros(1, 3, 48, 40, dtype=torch.uint8), torch.zeros(1, 48, 40)).shape
         torch.Size([1, 16, 48, 40])
         >>> sum(parameter.numel() for parameter in network.parameters()) < 2_000_000
         True
@@ -47,7 +49,7 @@ class CompactNetwork(nn.Module):
     def __init__(self, classes: int = NUM_CLASSES) -> None:
         super().__init__()
         a, b, c, d = WIDTHS
-        self.stem = _convolution(12, a)
+        self.stem = _convolution(4 * 5, a)
         self.levels = nn.ModuleList(
             [
                 nn.Sequential(_convolution(a, a), nn.ReLU()),
@@ -63,17 +65,20 @@ class CompactNetwork(nn.Module):
         self.decoders = nn.ModuleList(_convolution(o, o) for o in decoded)
         self.head = nn.Conv2d(decoded[0], 4 * classes, 1)
 
-    def forward(self, rgb: Tensor) -> Tensor:
+    def forward(self, rgb: Tensor, depth: Tensor) -> Tensor:
         """Compute the logits of a batch of images.
 
         Args:
             rgb: (B, 3, H, W), 0 to 255, any size and type.
+            depth: (B, H, W) float32, metres, 0 where there is no reading.
 
         Returns:
             (B, classes, H, W) logits.
         """
         height, width = rgb.shape[-2:]
-        x = rgb.float() / 127.5 - 1
+        below = (torch.arange(height) + 0.5 - height / 2)[:, None] / (width / 2) * depth  # metres
+        near = torch.where(depth > 0, 1 / depth.clamp(min=0.2), 0.0)
+        x = torch.cat([rgb.float() / 127.5 - 1, near[:, None], below[:, None]], dim=1)
         x = functional.pad(x, (0, -width % STRIDE, 0, -height % STRIDE), mode="replicate")
         x = functional.pixel_unshuffle(x, 2).contiguous(memory_format=torch.channels_last)
         x = functional.relu(self.stem(x))
@@ -96,8 +101,9 @@ def fold_normalization(network: nn.Module) -> nn.Module:
     Example:
         >>> network, image = CompactNetwork().eval(), torch.full((1, 3, 16, 16), 99)
         >>> with torch.no_grad():
-        ...     before = network(image)
-        ...     bool(torch.allclose(fold_normalization(network)(image), before, atol=1e-4))
+        ...     before = network(image, torch.ones(1, 16, 16))
+        ...     after = fold_normalization(network)(image, torch.ones(1, 16, 16))
+        >>> bool(torch.allclose(after, before, atol=1e-4))
         True
     """
     for module in list(network.modules()):

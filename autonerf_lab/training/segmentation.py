@@ -41,9 +41,9 @@ _AVERAGE = 0.998  # decay of the moving average of the weights
 class SegmentationSettings:
     """Settings of the training of a segmenter."""
 
-    steps: int = 4000
+    steps: int = 12_000
     seed: int = 0
-    apartments: int = 180  # the 25 training scenes and fresh seeds
+    apartments: int = 320  # the 25 training scenes and fresh seeds
     frames: int = 60  # per apartment
     size: int = 128  # pixels a side
     batch: int = 24
@@ -91,7 +91,7 @@ def train_segmentation(
         training_frames(folder / "frames", k, settings.frames, settings.seed, settings.size)
         for k in tqdm(numbers, "render", unit="apartment", disable=not progress)
     ]
-    frames = Frames(np.concatenate([p.rgb for p in parts]), np.concatenate([p.semantics for p in parts]))
+    frames = Frames.joined(parts)
     del parts
     held_out = held_out_frames(
         folder / "frames", settings.held_out, settings.held_out_frames, settings.seed, settings.size
@@ -144,7 +144,8 @@ class _Training:
                 loss = self._update()
                 bar.update()
                 if self.step % self.settings.measure_every == 0 or self.step == self.settings.steps:
-                    labels, _ = predict(self.average.eval(), self.held_out.rgb, 1.0)
+                    depth = self.held_out.depth.astype(np.float32)
+                    labels, _ = predict(self.average.eval(), self.held_out.rgb, depth, 1.0)
                     value = class_scores(confusion_matrix(labels, self.held_out.semantics))["miou"] or 0.0
                     self.curve.append({"step": self.step, "loss": loss, "miou": value})
                     bar.set_postfix_str(f"loss {loss:.3f}, mIoU {value:.1f} %")
@@ -153,12 +154,12 @@ class _Training:
                     saved = time.perf_counter()
 
     def _update(self) -> float:
-        rgb, labels = self._batch()
+        rgb, depth, labels = self._batch()
         self.network.train()
         for group in self.optimizer.param_groups:
             group["lr"] = self.settings.lr * one_cycle(self.step / self.settings.steps)
         with torch.autocast("cpu", torch.bfloat16, enabled=self._half):
-            logits = self.network(rgb)
+            logits = self.network(rgb, depth)
         loss = functional.cross_entropy(logits.float(), labels, self.weights)
         self.optimizer.zero_grad()
         loss.backward()
@@ -178,14 +179,17 @@ class _Training:
                     averaged.lerp_(new[name], 1 - decay)
         return value
 
-    def _batch(self) -> tuple[Tensor, Tensor]:
-        """Return the images and labels of the current step, augmented."""
+    def _batch(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the images, depth images and labels of the current step, augmented."""
         rng = np.random.default_rng([self.settings.seed, self.step, 1])
         chosen = rng.integers(len(self.frames.rgb), size=self.settings.batch)
         rgb, labels = self.frames.rgb[chosen], self.frames.semantics[chosen].astype(np.int64)
+        depth = self.frames.depth[chosen].astype(np.float32)
         mirrored = rng.random(len(rgb)) < 0.5
-        rgb[mirrored], labels[mirrored] = rgb[mirrored, :, ::-1], labels[mirrored, :, ::-1]
-        return augmented(torch.from_numpy(rgb).permute(0, 3, 1, 2).float(), rng), torch.from_numpy(labels)
+        for images in (rgb, depth, labels):
+            images[mirrored] = images[mirrored, :, ::-1]
+        colours = augmented(torch.from_numpy(rgb).permute(0, 3, 1, 2).float(), rng)
+        return colours, torch.from_numpy(measured(depth, rng)), torch.from_numpy(labels)
 
     def _save(self) -> None:
         arrays = {f"network/{name}": value.numpy() for name, value in self.network.state_dict().items()}
@@ -258,6 +262,26 @@ def augmented(rgb: Tensor, rng: np.random.Generator) -> Tensor:
     return (rgb + sigma * noise).clamp(0, 255)
 
 
+def measured(depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return depth images as sensors would measure them: noise that grows with the square of the depth, holes, or none.
+
+    Args:
+        depth: (B, H, W) float32, metres.
+        rng: random generator.
+
+    Example:
+        >>> images = measured(np.full((64, 8, 8), 2, np.float32), np.random.default_rng(0))
+        >>> bool((images == 0).all(axis=(1, 2)).any()), bool((images > 0).any())
+        (True, True)
+    """
+    count, height, width = depth.shape
+    noise = rng.normal(0, 0.0028, depth.shape) * rng.integers(2, size=(count, 1, 1))
+    depth = depth * (1 + noise * depth).astype(np.float32)
+    coarse = rng.random((count, -(-height // 8), -(-width // 8))) < rng.choice([0, 0.03], size=(count, 1, 1))
+    holes = coarse.repeat(8, axis=1).repeat(8, axis=2)[:, :height, :width]
+    return np.where(holes | (rng.random((count, 1, 1)) < 0.2), np.float32(0), depth)
+
+
 def fit_temperature(network: nn.Module, frames: Frames) -> float:
     """Return the temperature that minimises the cross-entropy of the labels, by golden-section search.
 
@@ -269,7 +293,8 @@ def fit_temperature(network: nn.Module, frames: Frames) -> float:
     with torch.no_grad():
         for start in range(0, len(frames.rgb), 16):
             rgb = torch.from_numpy(frames.rgb[start : start + 16]).permute(0, 3, 1, 2)
-            logits.append(network(rgb)[:, :, ::2, ::2])
+            depth = torch.from_numpy(frames.depth[start : start + 16].astype(np.float32))
+            logits.append(network(rgb, depth)[:, :, ::2, ::2])
             labels.append(torch.from_numpy(frames.semantics[start : start + 16, ::2, ::2].astype(np.int64)))
     all_logits, all_labels = torch.cat(logits), torch.cat(labels)
 

@@ -6,7 +6,7 @@ class chosen uniformly, because books, cups and bottles fill few pixels of a ran
 
 import copy
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,13 @@ class Frames:
     """N labelled images."""
 
     rgb: np.ndarray  # (N, H, W, 3) uint8
+    depth: np.ndarray  # (N, H, W) float16, metres
     semantics: np.ndarray  # (N, H, W) uint8, class index
+
+    @classmethod
+    def joined(cls, parts: "list[Frames]") -> "Frames":
+        """Return the images of all parts."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
 
 def randomized_spec(spec: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
@@ -77,7 +83,8 @@ def render_frames(
     for k in range(count):
         pose = sim.sample_pose(rng) if level or k % 2 else _pose_of_object(sim, rng)
         frames.append(sim.render(pose if level else _moved_camera(pose, rng)))
-    return Frames(np.stack([f.rgb for f in frames]), np.stack([f.semantics for f in frames]))
+    depth = np.stack([f.depth for f in frames]).astype(np.float16)
+    return Frames(np.stack([f.rgb for f in frames]), depth, np.stack([f.semantics for f in frames]))
 
 
 def _pose_of_object(sim: Simulator, rng: np.random.Generator) -> np.ndarray:
@@ -146,9 +153,9 @@ def held_out_frames(folder: Path, apartments: int, count: int, seed: int, size: 
             frames = render_frames(generate_spec(HELD_OUT + k), count, np.random.default_rng([seed, k]), size, True)
             write_arrays(path, vars(frames))
         parts.append(_read(path))
-    return Frames(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("rgb", "semantics")))
+    return Frames.joined(parts)
 
 
 def _read(path: Path) -> Frames:
     arrays, _ = read_arrays(path, dict[str, Any])
-    return Frames(arrays["rgb"], arrays["semantics"])
+    return Frames(arrays["rgb"], arrays["depth"], arrays["semantics"])

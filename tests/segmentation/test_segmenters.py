@@ -88,14 +88,13 @@ def test_names_files_and_objects(tmp_path) -> None:
 
 def test_weights_survive_saving_and_others_are_refused(tmp_path) -> None:
     torch.manual_seed(0)
-    network, images = (
-        CompactNetwork().eval(),
-        np.random.default_rng(0).integers(256, size=(3, 40, 56, 3), dtype=np.uint8),
-    )
+    network, rng = CompactNetwork().eval(), np.random.default_rng(0)
+    images = rng.integers(256, size=(3, 40, 56, 3), dtype=np.uint8)
+    depth = rng.uniform(0, 5, images.shape[:-1]).astype(np.float32)
     save_network(tmp_path / "mine", network, 1.5, {"command": "by hand"})
     loaded, temperature = load_network(tmp_path / "mine.safetensors")
-    labels, confidence = predict(network, images, 1.5)
-    again, sure = predict(loaded, images, temperature)  # half precision, folded normalisation
+    labels, confidence = predict(network, images, depth, 1.5)
+    again, sure = predict(loaded, images, depth, temperature)  # half precision, folded normalisation
     assert (labels == again).mean() > 0.98
     np.testing.assert_allclose(sure, confidence, atol=0.01)
     check_segmenter(lambda: make_segmenter(f"{tmp_path}/mine.safetensors"))

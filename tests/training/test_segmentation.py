@@ -26,7 +26,7 @@ def coloured(folder: object, index: int, count: int, seed: int, size: int = 32) 
     for k, (y, x) in enumerate(rng.integers(size // 2, size=(count, 2))):
         rgb[k, y : y + 12, x : x + 12] = 220, 30, 30
         labels[k, y : y + 12, x : x + 12] = 3
-    return Frames(rgb, labels)
+    return Frames(rgb, np.full(labels.shape, 2, np.float16), labels)
 
 
 @pytest.fixture(autouse=True)
@@ -75,10 +75,10 @@ def test_the_temperature_makes_confidences_probabilities() -> None:
     labels = (rng.random((2, 1, 64, 64)) > np.cumsum(chance, axis=1)).sum(axis=1).clip(0, 15).astype(np.uint8)
 
     class Fixed(nn.Module):
-        def forward(self, rgb: Tensor) -> Tensor:
+        def forward(self, rgb: Tensor, depth: Tensor) -> Tensor:
             return torch.from_numpy(3 * true_logits).float()
 
-    frames = Frames(np.zeros((2, 64, 64, 3), np.uint8), labels)
+    frames = Frames(np.zeros((2, 64, 64, 3), np.uint8), np.ones((2, 64, 64), np.float16), labels)
     assert fit_temperature(Fixed(), frames) == pytest.approx(3, rel=0.1)
 
 
