@@ -1,10 +1,10 @@
 """Network of the ``compact`` segmenter: an encoder and a decoder with skip connections, 1.6 million parameters.
 
-The input is the colour image and, where there is one, the depth image: its inverse tells near from far, and depth times
-the row of the pixel is the height of the point below a level camera with a horizontal field of view of 90 degrees. The
-input to half resolution before the first convolution (pixel unshuffle), and the logits of four pixels are unfolded
-from one cell after the last (Shi et al. 2016). No layer runs at full resolution, where most of the time of such networks
-goes, and no pixel is discarded.
+The input is the colour image and, where there is one, the depth image: its inverse tells near from far, and depth
+times the row of the pixel is the height of the point below a level camera with a horizontal field of view of 90
+degrees. It is folded to half resolution before the first convolution (pixel unshuffle), and the logits of four pixels
+are unfolded from one cell after the last (Shi et al. 2016). No layer runs at full resolution, where most of the time
+of such networks goes, and no pixel is discarded.
 """
 
 import torch
