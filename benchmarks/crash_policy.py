@@ -29,7 +29,8 @@ from pathlib import Path
 import psutil
 
 from autonerf_lab.errors import DataError
-from autonerf_lab.training.session import CHECKPOINT, CheckpointHeader
+from autonerf_lab.training.checkpoint import CHECKPOINT
+from autonerf_lab.training.session import CheckpointHeader
 from autonerf_lab.utils.storage import read_arrays
 
 TRAINING = """

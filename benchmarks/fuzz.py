@@ -48,8 +48,9 @@ from autonerf_lab.rewards import make_reward
 from autonerf_lab.scenes import export_glb, generate_apartment, import_scene
 from autonerf_lab.scenes.semantics_file import read_semantics
 from autonerf_lab.scenes.spec import dumps, read_spec
+from autonerf_lab.training.checkpoint import CHECKPOINT, read_checkpoint
 from autonerf_lab.training.ppo import make_ppo
-from autonerf_lab.training.session import CHECKPOINT, TrainingSession, read_checkpoint
+from autonerf_lab.training.session import CheckpointHeader, TrainingSession
 from autonerf_lab.training.settings import settings_of
 from autonerf_lab.training.worker_pool import WorkerPool
 from autonerf_lab.types import Score
@@ -198,7 +199,7 @@ def policy_training(folder: Path) -> Callable[[], None]:
     run.save()
 
     def resume() -> None:
-        found = read_checkpoint(folder / CHECKPOINT, fingerprint)
+        found = read_checkpoint(folder / CHECKPOINT, fingerprint, CheckpointHeader)
         assert found is not None
         run.resume(*found)
 

@@ -23,7 +23,8 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.localization import motion_network, residual_image, scan
 from autonerf_lab.localization.motion_network import MotionNetwork
 from autonerf_lab.localization.scan import Scan
-from autonerf_lab.utils.storage import read_arrays, read_json, write_arrays, write_json
+from autonerf_lab.utils.network_weights import load_weights, save_weights
+from autonerf_lab.utils.storage import read_json
 
 WEIGHTS = Path(__file__).parent / "weights" / "odometry"
 VERSION = 1
@@ -62,10 +63,7 @@ class LearnedOdometry:
 
 def save_network(path: str | Path, network: nn.Module, meta: dict[str, Any]) -> None:
     """Write ``path``.safetensors, in half precision, and ``path``.json with the training."""
-    path = Path(path)
-    arrays = {name: value.detach().numpy().astype(np.float16) for name, value in network.state_dict().items()}
-    write_arrays(path.with_suffix(".safetensors"), arrays)
-    write_json(path.with_suffix(".json"), {"version": VERSION, "inputs_sha256": inputs_sha256(), **meta})
+    save_weights(path, network, {"version": VERSION, "inputs_sha256": inputs_sha256(), **meta})
 
 
 def load_network(path: str | Path) -> nn.Module:
@@ -78,15 +76,8 @@ def load_network(path: str | Path) -> nn.Module:
     meta = read_json(path.with_suffix(".json"), dict[str, Any])
     if meta.get("version") != VERSION:
         raise DataError(f"{path.with_suffix('.json')} needs version {VERSION}; train the weights again")
-    weights = path.with_suffix(".safetensors")
-    arrays, _ = read_arrays(weights, dict[str, Any])
     network = MotionNetwork().eval()
-    wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
-    if {name: array.shape for name, array in arrays.items()} != wanted:
-        raise DataError(f"{weights} belongs to another network; train the weights again")
-    if not all(np.isfinite(array).all() for array in arrays.values()):
-        raise DataError(f"{weights} contains values that are not finite; train the weights again")
-    network.load_state_dict({name: torch.from_numpy(array.astype(np.float32)) for name, array in arrays.items()})
+    load_weights(path, network)
     return network
 
 

@@ -7,7 +7,7 @@ has the same size at all distances. Its derivatives by the motion are stored wit
 import numpy as np
 from numba import njit
 
-from autonerf_lab.localization.scan import INVERSE_DEPTH_SIGMA, Scan
+from autonerf_lab.localization.scan import INVERSE_DEPTH_SIGMA, Scan, project
 
 CHANNELS = 5  # residual, standard deviations; derivatives by x, y (1/m2) and heading (1/(m rad)); 1 where it is known
 LARGEST = 0.05  # 1/m; larger residuals belong to another surface
@@ -58,10 +58,7 @@ def _fill(
                 continue
             rx, ry = c * px - s * py, s * px + c * py
             qx, qy = rx + x, ry + y
-            if qx < 0.1:
-                continue
-            u = int(np.rint(camera[2] - camera[0] * qy / qx))
-            v = int(np.rint(camera[3] - camera[1] * pz / qx))
+            v, u = project(qx, qy, pz, camera)
             if u < 0 or v < 0 or u >= cols or v >= rows:
                 continue
             nx, ny, nz = planes[v, u, 0], planes[v, u, 1], planes[v, u, 2]

@@ -16,6 +16,7 @@ from autonerf_lab.geometry import Intrinsics
 STRIDE = 2  # pixels; structured-light sensors resolve no more
 NEAR, FAR = 0.2, 6.0  # metres, range of the depths that are used
 INVERSE_DEPTH_SIGMA = 0.0015  # 1/m, of a depth
+_FRONT = 0.1  # metres, nearest point that is projected
 _EDGE = 0.01  # 1/m, larger deviations from a plane belong to another surface
 _ENOUGH = 13  # of the 25 pixels of a window
 _LEVEL = 0.3  # smallest horizontal part of a normal; flatter surfaces say nothing about a planar motion
@@ -54,6 +55,16 @@ def make_scan(depth: np.ndarray, intrinsics: Intrinsics) -> Scan:
     points, planes = np.zeros((*depth.shape, 3)), np.zeros((*depth.shape, 3))
     _fill(depth, camera, points, planes)
     return Scan(points, planes, camera)
+
+
+@njit(inline="always")  # compiled into its callers, with their arithmetic
+def project(x: float, y: float, z: float, camera: np.ndarray) -> tuple[int, int]:
+    """Return the row and column on which a point of the robot frame is seen, (-1, -1) if it is not in front."""
+    row = col = -1
+    if x >= _FRONT:
+        row = int(np.rint(camera[3] - camera[1] * z / x))
+        col = int(np.rint(camera[2] - camera[0] * y / x))
+    return row, col
 
 
 @njit(cache=True)

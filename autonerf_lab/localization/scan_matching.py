@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from autonerf_lab.localization.scan import INVERSE_DEPTH_SIGMA, Scan
+from autonerf_lab.localization.scan import INVERSE_DEPTH_SIGMA, Scan, project
 from autonerf_lab.localization.se2 import between, rotation
 
 WIDTHS = (0.3, 0.2, 0.1, 0.06, 0.04, 0.04, 0.04)  # metres, of the robust kernel in each iteration
@@ -133,10 +133,7 @@ def _accumulate(
             px, py, pz = points[row, col, 0], points[row, col, 1], points[row, col, 2]
             rx, ry = c * px - s * py, s * px + c * py
             qx, qy = rx + x, ry + y
-            if qx < 0.1:
-                continue
-            u = int(np.rint(camera[2] - camera[0] * qy / qx))
-            v = int(np.rint(camera[3] - camera[1] * pz / qx))
+            v, u = project(qx, qy, pz, camera)
             if u < 0 or v < 0 or u >= cols or v >= rows:
                 continue
             nx, ny, nz = planes[v, u, 0], planes[v, u, 1], planes[v, u, 2]

@@ -3,22 +3,18 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
 from torch import nn
 
 from autonerf_lab.errors import DataError
-from autonerf_lab.utils.storage import read_arrays, read_json, write_arrays, write_json
+from autonerf_lab.utils import network_weights
+from autonerf_lab.utils.storage import read_json
 
 VERSION = 1
 
 
 def save_weights(path: str | Path, network: nn.Module, meta: dict[str, Any]) -> None:
     """Write ``path``.safetensors and ``path``.json; ``meta`` must contain ``network``, the kind and its options."""
-    path = Path(path)
-    arrays = {name: value.detach().cpu().numpy().astype(np.float16) for name, value in network.state_dict().items()}
-    write_arrays(path.with_suffix(".safetensors"), arrays)
-    write_json(path.with_suffix(".json"), {"version": VERSION, **meta})
+    network_weights.save_weights(path, network, {"version": VERSION, **meta})
 
 
 def read_meta(path: str | Path) -> dict[str, Any]:
@@ -49,16 +45,4 @@ def load_weights(path: str | Path, network: nn.Module) -> None:
     Raises:
         DataError: the file is missing, damaged, or belongs to another network; names the difference.
     """
-    path = Path(path).with_suffix(".safetensors")
-    arrays, _ = read_arrays(path, dict[str, Any])
-    wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
-    found = {name: array.shape for name, array in arrays.items()}
-    if found != wanted:
-        name = min(name for name in {*found, *wanted} if found.get(name) != wanted.get(name))
-        raise DataError(
-            f"{path} belongs to another network: {name} is {found.get(name, 'absent')}, not "
-            f"{wanted.get(name, 'absent')}; check the network settings in the JSON file beside it"
-        )
-    if not all(np.isfinite(array).all() for array in arrays.values()):
-        raise DataError(f"{path} contains values that are not finite; train the policy again")
-    network.load_state_dict({name: torch.from_numpy(array.astype(np.float32)) for name, array in arrays.items()})
+    network_weights.load_weights(path, network, "check the network settings in the JSON file beside it")

@@ -17,7 +17,8 @@ from torch import nn
 from autonerf_lab.errors import DataError
 from autonerf_lab.segmentation.base import Segmentation
 from autonerf_lab.segmentation.network import CompactNetwork, fold_normalization
-from autonerf_lab.utils.storage import read_arrays, read_json, write_arrays, write_json
+from autonerf_lab.utils.network_weights import load_weights, save_weights
+from autonerf_lab.utils.storage import read_json
 
 WEIGHTS = Path(__file__).parent / "weights" / "compact"
 VERSION = 2
@@ -78,11 +79,7 @@ def predict(
 
 def save_network(path: str | Path, network: nn.Module, temperature: float, meta: dict[str, Any]) -> None:
     """Write ``path``.safetensors, in half precision, and ``path``.json with the temperature and the training."""
-    path = Path(path)
-    arrays = {name: value.detach().numpy() for name, value in network.state_dict().items()}
-    halves = {name: a.astype(np.float16) for name, a in arrays.items() if a.dtype.kind == "f"}
-    write_arrays(path.with_suffix(".safetensors"), halves)
-    write_json(path.with_suffix(".json"), {"version": VERSION, "temperature": temperature, **meta})
+    save_weights(path, network, {"version": VERSION, "temperature": temperature, **meta})
 
 
 def load_network(path: str | Path) -> tuple[nn.Module, float]:
@@ -98,15 +95,6 @@ def load_network(path: str | Path) -> tuple[nn.Module, float]:
         raise DataError(
             f"{path.with_suffix('.json')} needs version {VERSION} and a temperature; train the weights again"
         )
-    arrays, _ = read_arrays(path.with_suffix(".safetensors"), dict[str, Any])
     network = CompactNetwork().eval()
-    wanted = {name: value for name, value in network.state_dict().items() if value.dtype.is_floating_point}
-    shapes = {name: tuple(value.shape) for name, value in wanted.items()}
-    if {name: array.shape for name, array in arrays.items()} != shapes:
-        raise DataError(f"{path.with_suffix('.safetensors')} belongs to another network; train the weights again")
-    if not all(np.isfinite(array).all() for array in arrays.values()):
-        raise DataError(f"{path.with_suffix('.safetensors')} contains values that are not finite; train it again")
-    network.load_state_dict(
-        {name: torch.from_numpy(array.astype(np.float32)) for name, array in arrays.items()}, strict=False
-    )
+    load_weights(path, network)
     return fold_normalization(network), float(temperature)

@@ -7,27 +7,23 @@ interruption, the same call continues with the same batches.
 The folder contains the pairs, the checkpoint and the weights, ``odometry.safetensors`` and ``odometry.json``.
 """
 
-import json
 import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
 
-import msgspec
 import numpy as np
 import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from autonerf_lab.errors import DataError, RunFolderError, TrainingError
+from autonerf_lab.errors import TrainingError
 from autonerf_lab.localization.learned import save_network
 from autonerf_lab.localization.motion_network import MotionNetwork
 from autonerf_lab.scenes import scene_names
+from autonerf_lab.training.checkpoint import CHECKPOINT, SupervisedHeader, resume_supervised, save_supervised
 from autonerf_lab.training.odometry_pairs import Pairs, sample_batch, training_pairs
-from autonerf_lab.utils.storage import read_arrays, write_arrays
 
-CHECKPOINT = "checkpoint.safetensors"
 SAVE_EVERY = 60.0  # seconds between two checkpoints
 _LARGEST_LOSS = 50.0  # of a pair, so that a pair of images without a common surface does not count more
 _RISE = 100  # steps until the learning rate is largest
@@ -45,16 +41,6 @@ class OdometrySettings:
     lr: float = 3e-3
     weight_decay: float = 1e-3
     measure_every: int = 100  # steps
-
-
-@dataclass(frozen=True)
-class _Header:
-    """Header of a checkpoint."""
-
-    settings: dict[str, Any]
-    curve: list[dict[str, float]]
-    step: Annotated[int, msgspec.Meta(ge=0)]
-    seconds: float
 
 
 def train_odometry(
@@ -122,6 +108,7 @@ class _Training:
         self.curve: list[dict[str, float]] = []
         self.step, self.seconds, self._started = 0, 0.0, started  # seconds of the processor
         self._losses: list[float] = []
+        self._fingerprint = asdict(settings)
         self._resume()
 
     def run(self, progress: bool) -> None:
@@ -163,37 +150,12 @@ class _Training:
         return value
 
     def _save(self) -> None:
-        arrays = {f"network/{name}": value.numpy() for name, value in self.network.state_dict().items()}
-        for name, parameter in self.network.named_parameters():
-            for key, moment in self.optimizer.state[parameter].items():
-                arrays[f"adam/{name}/{key}"] = torch.as_tensor(moment).numpy()
         now = time.process_time()
         self.seconds, self._started = self.seconds + now - self._started, now
-        header = _Header(_plain(self.settings), self.curve, self.step, self.seconds)
-        write_arrays(self.folder / CHECKPOINT, arrays, asdict(header))
+        header = SupervisedHeader(self._fingerprint, self.curve, self.step, self.seconds)
+        save_supervised(self.folder / CHECKPOINT, header, {"network": self.network}, self.optimizer)
 
     def _resume(self) -> None:
-        path = self.folder / CHECKPOINT
-        if not path.exists():
-            return
-        arrays, header = read_arrays(path, _Header)
-        differ = sorted(key for key, value in _plain(self.settings).items() if header.settings.get(key) != value)
-        if differ:
-            raise RunFolderError(
-                f"{path} belongs to another training ({', '.join(differ)} differ); remove it, or use another folder"
-            )
-        try:
-            self.network.load_state_dict(
-                {name: torch.from_numpy(arrays[f"network/{name}"]) for name in self.network.state_dict()}
-            )
-            for name, parameter in self.network.named_parameters():
-                keys = ("step", "exp_avg", "exp_avg_sq")
-                self.optimizer.state[parameter] = {k: torch.from_numpy(arrays[f"adam/{name}/{k}"]) for k in keys}
-        except (KeyError, RuntimeError, TypeError) as error:
-            raise DataError(f"{path} is damaged ({error!r}); remove it to start the training again") from error
-        self.curve, self.step, self.seconds = header.curve, header.step, header.seconds
-
-
-def _plain(settings: OdometrySettings) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(json.dumps(asdict(settings)))
-    return found
+        path, networks = self.folder / CHECKPOINT, {"network": self.network}
+        if header := resume_supervised(path, self._fingerprint, networks, self.optimizer):
+            self.curve, self.step, self.seconds = header.curve, header.step, header.seconds

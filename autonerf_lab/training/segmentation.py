@@ -9,14 +9,11 @@ The folder contains the frames, the checkpoint, the learning curve ``curve.csv``
 ``compact.safetensors`` and ``compact.json``.
 """
 
-import json
 import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
 
-import msgspec
 import numpy as np
 import pandas as pd
 import torch
@@ -25,14 +22,14 @@ from torch.nn import functional
 from tqdm import tqdm
 
 from autonerf_lab.classes import NUM_CLASSES
-from autonerf_lab.errors import DataError, RunFolderError, TrainingError
+from autonerf_lab.errors import TrainingError
 from autonerf_lab.segmentation.compact import predict, save_network
 from autonerf_lab.segmentation.metrics import class_scores, confusion_matrix
 from autonerf_lab.segmentation.network import CompactNetwork
+from autonerf_lab.training.checkpoint import CHECKPOINT, SupervisedHeader, resume_supervised, save_supervised
 from autonerf_lab.training.segmentation_frames import Frames, held_out_frames, training_frames
-from autonerf_lab.utils.storage import read_arrays, write_arrays, write_bytes
+from autonerf_lab.utils.storage import write_bytes
 
-CHECKPOINT = "checkpoint.safetensors"
 SAVE_EVERY = 120.0  # seconds between two checkpoints
 _AVERAGE = 0.998  # decay of the moving average of the weights
 
@@ -53,16 +50,6 @@ class SegmentationSettings:
     held_out: int = 16  # apartments that measure and calibrate
     held_out_frames: int = 24  # per apartment
     measure_every: int = 500  # steps
-
-
-@dataclass(frozen=True)
-class _Header:
-    """Header of a checkpoint."""
-
-    fingerprint: dict[str, Any]
-    curve: list[dict[str, float]]
-    step: Annotated[int, msgspec.Meta(ge=0)]
-    seconds: float
 
 
 def train_segmentation(
@@ -122,6 +109,7 @@ class _Training:
         self.folder, self.settings, self.frames, self.held_out = folder, settings, frames, held_out
         torch.manual_seed(settings.seed)
         self.network, self.average = CompactNetwork(), CompactNetwork()
+        self._networks = {"network": self.network, "average": self.average}
         self.average.load_state_dict(self.network.state_dict())
         self.optimizer = torch.optim.AdamW(self.network.parameters(), settings.lr, weight_decay=settings.weight_decay)
         shares = np.bincount(frames.semantics.reshape(-1), minlength=NUM_CLASSES) / frames.semantics.size
@@ -131,7 +119,7 @@ class _Training:
         self.step, self.seconds, self._started = 0, 0.0, started
         # bfloat16 saves time where the processor multiplies it in hardware
         self._half = torch.backends.mkldnn.is_available() and torch.ops.mkldnn._is_mkldnn_bf16_supported()
-        self.fingerprint = json.loads(json.dumps(asdict(settings)))
+        self.fingerprint = asdict(settings)
         del self.fingerprint["steps"]  # a training can be extended
         self._resume()
 
@@ -192,35 +180,14 @@ class _Training:
         return colours, torch.from_numpy(measured(depth, rng)), torch.from_numpy(labels)
 
     def _save(self) -> None:
-        arrays = {f"network/{name}": value.numpy() for name, value in self.network.state_dict().items()}
-        arrays |= {f"average/{name}": value.numpy() for name, value in self.average.state_dict().items()}
-        for name, parameter in self.network.named_parameters():
-            for key, moment in self.optimizer.state[parameter].items():
-                arrays[f"adam/{name}/{key}"] = torch.as_tensor(moment).numpy()
         now = time.perf_counter()
         self.seconds, self._started = self.seconds + now - self._started, now
-        header = _Header(self.fingerprint, self.curve, self.step, self.seconds)
-        write_arrays(self.folder / CHECKPOINT, arrays, asdict(header))
+        header = SupervisedHeader(self.fingerprint, self.curve, self.step, self.seconds)
+        save_supervised(self.folder / CHECKPOINT, header, self._networks, self.optimizer)
 
     def _resume(self) -> None:
-        path = self.folder / CHECKPOINT
-        if not path.exists():
-            return
-        arrays, header = read_arrays(path, _Header)
-        differ = sorted(k for k, v in self.fingerprint.items() if header.fingerprint.get(k) != v)
-        if differ:
-            raise RunFolderError(
-                f"{path} belongs to another training ({', '.join(differ)} differ); remove it, or use another folder"
-            )
-        try:
-            for name, network in (("network", self.network), ("average", self.average)):
-                network.load_state_dict({k: torch.from_numpy(arrays[f"{name}/{k}"]) for k in network.state_dict()})
-            for name, parameter in self.network.named_parameters():
-                keys = ("step", "exp_avg", "exp_avg_sq")
-                self.optimizer.state[parameter] = {k: torch.from_numpy(arrays[f"adam/{name}/{k}"]) for k in keys}
-        except (KeyError, RuntimeError, TypeError) as error:
-            raise DataError(f"{path} is damaged ({error!r}); remove it to start the training again") from error
-        self.curve, self.step, self.seconds = header.curve, header.step, header.seconds
+        if header := resume_supervised(self.folder / CHECKPOINT, self.fingerprint, self._networks, self.optimizer):
+            self.curve, self.step, self.seconds = header.curve, header.step, header.seconds
 
 
 def one_cycle(progress: float) -> float:

@@ -14,15 +14,15 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from autonerf_lab.errors import DataError, RunFolderError, TrainingError
+from autonerf_lab.errors import DataError, TrainingError
 from autonerf_lab.policies.spec import make_interface, spec_of
 from autonerf_lab.rewards import LearnedReward, Reward
+from autonerf_lab.training.checkpoint import CHECKPOINT
 from autonerf_lab.training.ppo import TimedBuffer, load_training_state, network_of, training_state
 from autonerf_lab.training.settings import PolicySettings
 from autonerf_lab.training.worker_pool import WorkerPool
-from autonerf_lab.utils.storage import read_arrays, write_arrays
+from autonerf_lab.utils.storage import write_arrays
 
-CHECKPOINT = "checkpoint.safetensors"
 SAVE_EVERY = 60.0  # seconds between two checkpoints
 RESTART_EVERY = 16  # rollouts between two restarts of all episodes, if episodes end at different times
 _REWARD_PREFIX = "reward/"  # of the arrays of a learned reward in a checkpoint
@@ -42,28 +42,6 @@ class CheckpointHeader:
     seconds: float
     timesteps: _Count
     updates: _Count
-
-
-def read_checkpoint(path: Path, fingerprint: dict[str, Any]) -> tuple[dict[str, np.ndarray], CheckpointHeader] | None:
-    """Read the arrays and the header of a checkpoint; None if there is no checkpoint.
-
-    Raises:
-        RunFolderError: the checkpoint belongs to a training with other settings.
-        DataError: the checkpoint is damaged.
-    """
-    if not path.exists():
-        return None
-    try:
-        arrays, header = read_arrays(path, CheckpointHeader)
-    except DataError as error:
-        raise DataError(f"{error}; remove the file to start the training again") from error
-    found = header.fingerprint
-    if found != fingerprint:
-        differ = sorted(k for k in {*found, *fingerprint} if found.get(k) != fingerprint.get(k))
-        raise RunFolderError(
-            f"{path} belongs to another training ({', '.join(differ)[:200]} differ); remove it, or use another folder"
-        )
-    return arrays, header
 
 
 class TrainingSession(BaseCallback):

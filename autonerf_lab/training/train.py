@@ -33,9 +33,10 @@ from autonerf_lab.policies.weights import load_weights, save_weights
 from autonerf_lab.rewards import Reward, make_reward
 from autonerf_lab.scenes import Scene
 from autonerf_lab.training.augmentation import SymmetryAugmentation
+from autonerf_lab.training.checkpoint import CHECKPOINT, read_checkpoint
 from autonerf_lab.training.imitation import demonstrate, imitate
 from autonerf_lab.training.ppo import make_ppo, network_of
-from autonerf_lab.training.session import CHECKPOINT, TrainingSession, read_checkpoint
+from autonerf_lab.training.session import CheckpointHeader, TrainingSession
 from autonerf_lab.training.settings import PolicySettings, command_of, settings_of
 from autonerf_lab.training.shortest_path_expert import imitate_shortest_paths
 from autonerf_lab.training.worker_pool import MakeEnv, WorkerPool
@@ -128,7 +129,8 @@ def train_policy(
         fingerprint["training_scenes"] = [scene if isinstance(scene, str) else scene.sha256 for scene in scenes]
     if first is not None:
         fingerprint["start"] = weights_sha256(str(first))
-    checkpoint = read_checkpoint(folder / CHECKPOINT, fingerprint)  # errors are raised before processes start
+    # errors are raised before processes start
+    checkpoint = read_checkpoint(folder / CHECKPOINT, fingerprint, CheckpointHeader)
     make = partial(make_env, settings, chosen, scenes)
     threads = torch.get_num_threads()  # the session changes it
     started = time.perf_counter()

@@ -3,7 +3,8 @@
 import pytest
 
 from autonerf_lab.errors import DataError
-from autonerf_lab.training import session
+from autonerf_lab.training.checkpoint import read_checkpoint
+from autonerf_lab.training.session import CheckpointHeader
 from autonerf_lab.utils.storage import write_arrays
 
 
@@ -20,7 +21,7 @@ def test_a_checkpoint_whose_header_is_damaged_is_one_clear_error(change, message
     header = {"fingerprint": {"a": 1}, "curve": [], "episode": 0, "frames": 0, "seconds": 0.0}
     header |= {"timesteps": 0, "updates": 0}
     write_arrays(tmp_path / "x", {}, header)
-    assert session.read_checkpoint(tmp_path / "x", {"a": 1}) == ({}, session.CheckpointHeader(**header))
+    assert read_checkpoint(tmp_path / "x", {"a": 1}, CheckpointHeader) == ({}, CheckpointHeader(**header))
     write_arrays(tmp_path / "x", {}, header | change)
     with pytest.raises(DataError, match=message):
-        session.read_checkpoint(tmp_path / "x", {"a": 1})
+        read_checkpoint(tmp_path / "x", {"a": 1}, CheckpointHeader)

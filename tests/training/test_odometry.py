@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from interrupted_training import interrupted
 
 from autonerf_lab.errors import RunFolderError, TrainingError
 from autonerf_lab.training import odometry
@@ -25,18 +26,7 @@ def rendered_once(monkeypatch, pairs):
 
 def test_a_training_learns_and_an_interrupted_one_ends_with_the_same_weights(tmp_path, monkeypatch):
     whole = train_odometry(tmp_path / "whole", TINY, progress=False)
-    update, count = odometry._Training._update, 0
-
-    def interrupted(self):
-        nonlocal count
-        count += 1
-        if count == 5:
-            self._save()
-            raise KeyboardInterrupt
-        return update(self)
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(odometry._Training, "_update", interrupted)
+    with interrupted(monkeypatch, odometry._Training, saved=5, stopped=5):
         train_odometry(tmp_path / "parts", TINY, progress=False)
     parts = train_odometry(tmp_path / "parts", TINY, progress=False)
     assert parts.with_suffix(".safetensors").read_bytes() == whole.with_suffix(".safetensors").read_bytes()

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from interrupted_training import interrupted
 from torch import Tensor, nn
 
 from autonerf_lab.errors import RunFolderError, TrainingError
@@ -42,19 +43,7 @@ def test_a_training_learns_and_an_interrupted_one_ends_with_the_same_weights(tmp
     found = make_segmenter(f"{whole}.safetensors")(coloured(None, 9, 4, 0).rgb)
     assert found.labels.shape == (4, 32, 32)
 
-    update, count = segmentation._Training._update, 0
-
-    def interrupted(self: segmentation._Training) -> float:
-        nonlocal count
-        count += 1
-        if count == 4:
-            self._save()
-        if count == 6:
-            raise KeyboardInterrupt
-        return update(self)
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(segmentation._Training, "_update", interrupted)
+    with interrupted(monkeypatch, segmentation._Training, saved=4, stopped=6):
         train_segmentation(tmp_path / "parts", TINY, progress=False)
     parts = train_segmentation(tmp_path / "parts", TINY, progress=False)
     assert parts.with_suffix(".safetensors").read_bytes() == whole.with_suffix(".safetensors").read_bytes()
