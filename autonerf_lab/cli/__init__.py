@@ -22,6 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from autonerf_lab.cli.command_line import run
 
         return run(sys.argv[1:] if arguments is None else arguments)
-    except KeyboardInterrupt:
-        print("\ninterrupted: run the same command again to continue", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        place = f" ({error})" if str(error) else ""  # the policy or reward that was running
+        print(f"\ninterrupted{place}: run the same command again to continue", file=sys.stderr)
         return 130

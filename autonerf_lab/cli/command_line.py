@@ -101,12 +101,10 @@ def run(arguments: Sequence[str]) -> int:
             traceback.print_exc()
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt as error:
+    except KeyboardInterrupt:
         if debug:
             traceback.print_exc()
-        place = f" ({error})" if str(error) else ""  # the policy or reward that was running
-        print(f"\ninterrupted{place}: run the same command again to continue", file=sys.stderr)
-        return 130
+        raise
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has ended
         _discard_output()
     except Exception as error:

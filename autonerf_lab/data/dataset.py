@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from autonerf_lab.data.images import valid_depth
 from autonerf_lab.data.posed_frames import read_images
 from autonerf_lab.data.readers import read_frames
 from autonerf_lab.data.trajectory import Trajectory, describe
@@ -37,7 +38,7 @@ class Dataset:
     images: list[np.ndarray]  # T arrays (H_t, W_t, 3) uint8
     intrinsics: list[Intrinsics]  # T camera models
     semantics: list[np.ndarray] | None  # T arrays (H_t, W_t) uint8, class index
-    depths: list[np.ndarray] | None  # T arrays (H_t, W_t) float32, along the optical axis, user units, 0 = none
+    depths: list[np.ndarray] | None  # T arrays (H_t, W_t) float32, along the optical axis, user units; invalid: 0
     names: list[str]  # file of each frame, for messages
     meta: dict[str, Any]  # JSON: the file's other keys
     metric: bool  # True for trajectories: metres, indoors. False for photographs: unknown scale and background
@@ -45,6 +46,11 @@ class Dataset:
     pose_source: str = "true"  # of ``poses``, see :class:`~autonerf_lab.data.trajectory.Trajectory`
     true_poses: np.ndarray | None = None  # (T, 4, 4), if they are known and ``poses`` are others
     confidences: list[np.ndarray] | None = None  # T arrays (H_t, W_t) uint8, of predicted semantics, 255 = certain
+
+    def __post_init__(self) -> None:
+        """Replace invalid depth, as :class:`~autonerf_lab.data.trajectory.Trajectory`."""
+        if self.depths is not None:
+            object.__setattr__(self, "depths", [valid_depth(depth) for depth in self.depths])
 
     def __len__(self) -> int:
         """Return the number of frames."""

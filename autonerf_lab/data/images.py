@@ -91,6 +91,17 @@ def read_depth(file: Path, png_size: tuple[int, int] | None = None, unit: float 
     return array.astype(np.float32) / np.float32(round(1 / unit, 6))
 
 
+def valid_depth(depth: np.ndarray) -> np.ndarray:
+    """Return depth with 0, "none", where it is negative, infinite or NaN; the same array if it is nowhere.
+
+    Example:
+        >>> valid_depth(np.array([1.5, -1.0, np.nan, np.inf], np.float32)).tolist()
+        [1.5, 0.0, 0.0, 0.0]
+    """
+    valid = (depth >= 0) & (depth < np.inf)
+    return depth if valid.all() else np.where(valid, depth, depth.dtype.type(0))
+
+
 def read_mask(file: Path) -> np.ndarray:
     """Read a mask as (H, W) bool: True where the image is used, which is where the mask is not black.
 

@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from autonerf_lab.data.images import check_png, parallel, read_bytes_image, read_classes, read_depth, read_rgb
+from autonerf_lab.data.images import (
+    check_png,
+    parallel,
+    read_bytes_image,
+    read_classes,
+    read_depth,
+    read_rgb,
+    valid_depth,
+)
 from autonerf_lab.data.pose_sources import POSE_SOURCES, check_source, read_sources, sources_to_json
 from autonerf_lab.data.transforms import FORMAT_VERSION, announced_size, read_camera, read_transforms
 from autonerf_lab.errors import DataError
@@ -43,13 +51,18 @@ class Trajectory:
 
     poses: np.ndarray  # (T, 4, 4) float64, camera-to-world, OpenGL, of the source ``pose_source``
     rgb: np.ndarray  # (T, H, W, 3) uint8
-    depth: np.ndarray | None  # (T, H, W) float32, metres along the optical axis, 0 = none
+    depth: np.ndarray | None  # (T, H, W) float32, metres along the optical axis; invalid values become 0, "none"
     semantics: np.ndarray | None  # (T, H, W) uint8, class index
     intrinsics: Intrinsics
     meta: dict[str, Any] = field(default_factory=dict)  # JSON: scene, policy, seed, actions, coverage curves, ...
     pose_source: str = "true"  # one of :data:`autonerf_lab.data.pose_sources.POSE_SOURCES`
     other_poses: dict[str, np.ndarray] = field(default_factory=dict)  # source -> (T, 4, 4), without ``poses``
     confidence: np.ndarray | None = None  # (T, H, W) uint8, of predicted semantics, 255 = certain; None: they are true
+
+    def __post_init__(self) -> None:
+        """Replace invalid depth: programs mark pixels without a reading in various ways."""
+        if self.depth is not None:
+            object.__setattr__(self, "depth", valid_depth(self.depth))
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -113,9 +126,7 @@ class Trajectory:
         layers: dict[str, np.ndarray] = {"file_path": self.rgb}
         if self.depth is not None:
             millimetres = np.rint(self.depth * np.float32(1000))
-            layers["depth_file_path"] = np.where(
-                (millimetres >= 0) & (millimetres <= _MAX_DEPTH_MM), millimetres, 0
-            ).astype(np.uint16)
+            layers["depth_file_path"] = np.where(millimetres <= _MAX_DEPTH_MM, millimetres, 0).astype(np.uint16)
         if self.semantics is not None:
             layers["semantics_file_path"] = self.semantics
         if self.confidence is not None:

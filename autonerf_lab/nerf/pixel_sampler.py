@@ -26,8 +26,6 @@ class PixelSampler:
         self.rgb = np.concatenate([image.reshape(-1, 3) for image in data.images])
         self.labels = _flat(data.semantics)
         self.depth = _flat(data.depths)
-        if self.depth is not None:  # other values than 0 also mean "none" in depth images of other programs
-            self.depth = np.where(np.isfinite(self.depth) & (self.depth > 0), self.depth, np.float32(NO_DEPTH))
         self._confidence = _flat(data.confidences)
         used = _flat(data.masks)
         self._used = None if used is None else np.flatnonzero(used)  # pixels that may be sampled; None: all

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autonerf_lab.data.dataset import load_dataset
+from autonerf_lab.data.dataset import Dataset, load_dataset
 from autonerf_lab.data.trajectory import Trajectory, load_trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics, planar_pose
@@ -62,7 +62,15 @@ def test_depth_is_rounded_to_millimetres_and_depth_that_is_distant_or_no_distanc
     trajectory = _trajectory(1)
     depth = np.zeros((1, 6, 8), np.float32)
     depth[0, 0, :7] = 1.2344, 1.2346, 70.0, -1.0, np.inf, -np.inf, np.nan
-    Trajectory(trajectory.poses, trajectory.rgb, depth, None, trajectory.intrinsics).save(tmp_path)
+    noisy = Trajectory(trajectory.poses, trajectory.rgb, depth, None, trajectory.intrinsics)
+    noisy.save(tmp_path)
+    for cleaned in (
+        noisy.depth,
+        Dataset.from_trajectory(noisy).depths,
+        replace(Dataset.from_trajectory(trajectory), depths=list(depth)).depths,
+    ):
+        np.testing.assert_equal(cleaned[0][0, :7], np.float32([1.2344, 1.2346, 70, 0, 0, 0, 0]))
+    assert np.isnan(depth[0, 0, 6]), "the given array stays"
     again = load_trajectory(tmp_path)
     assert again.depth is not None
     np.testing.assert_allclose(again.depth[0, 0, :7], [1.234, 1.235, 0, 0, 0, 0, 0], rtol=0, atol=1e-6)
