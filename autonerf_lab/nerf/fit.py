@@ -18,6 +18,7 @@ from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, TrainingError
 from autonerf_lab.geometry import is_planar, planar_from_pose
 from autonerf_lab.nerf.checkpoint import TrainingState
+from autonerf_lab.nerf.driven_floor import driven_floor_depth, drove_here
 from autonerf_lab.nerf.field_frame import SPREAD, FieldFrame, inliers
 from autonerf_lab.nerf.model import DepthGuidedSampler, Model, ModelSpec, check_device
 from autonerf_lab.nerf.models import model_spec
@@ -102,7 +103,8 @@ def fit(
             settings = scaled_to_area(settings, _explored_area(data))
     settings = replace(settings, steps=steps) if steps is not None else settings
     settings = _for_data(settings, data)
-    data = data if settings.depth_weight else replace(data, depths=None)
+    if not settings.depth_weight:
+        data = replace(data, depths=driven_floor_depth(data) if settings.floor_weight else None)
     frame = FieldFrame.from_dataset(data)
     rng = np.random.default_rng(seed)
     positions = frame.to_field(data.poses[:, :3, 3])
@@ -170,6 +172,8 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
             "the model learns from depth (depth_weight is above 0), but the data has no depth; choose a model without "
             "it, such as semantic-nerfacto, or data with depth"
         )
+    if settings.floor_weight and not drove_here(data):
+        settings = replace(settings, floor_weight=0.0)
     if data.metric:
         return settings
     return replace(settings, far=FAR_AWAY, turn=min(settings.turn, SPREAD * 2), shell=1.0)

@@ -8,7 +8,8 @@ from autonerf_lab.errors import DataError
 
 MAX_COUNT = 1 << 24  # upper limit of every whole number, and of the entries of all hash levels together
 MAY_BE_ZERO = {
-    *("near", "semantic_weight", "rays_by_class", "distortion_weight", "depth_weight", "warmup", "min_weight"),
+    *("near", "semantic_weight", "rays_by_class", "distortion_weight", "depth_weight", "floor_weight"),
+    *("warmup", "min_weight"),
     *("appearance", "interlevel_weight", "skip"),
 }
 APARTMENT = 160.0  # m² of explored area, above that of every apartment: settings for larger homes grow with the area
@@ -33,6 +34,7 @@ class Settings:
     rays_by_class: float = 0.2  # share of rays sampled by class, so that small objects are seen often enough
     distortion_weight: float = 0.002
     depth_weight: float = 0.0  # of the squared error of signed distances, per m²; depth images are used if above 0
+    floor_weight: float = 2.25  # of this error where the floor that the robot drove over is seen, if depth is not used
     surface_density: float = 67.0  # per metre, at a measured surface
     sharpness: float = 120.0  # growth of the log density through a measured surface, per metre
     free_density: float = 0.0015  # largest density in measured free space, per metre
@@ -53,6 +55,11 @@ class Settings:
             _check_value(entry.name, getattr(self, entry.name), entry.type)
         if not self.near < self.far:
             raise DataError(f"settings: near must be less than far, not {self.near} and {self.far}")
+
+    @property
+    def distance_weight(self) -> float:
+        """Weight of the error of signed distances, from measured depth or from the floor that the robot drove over."""
+        return self.depth_weight or self.floor_weight
 
     def _check_sizes(self, hidden: tuple[str, ...], levels: str, log2_entries: str) -> None:
         """Check the sizes of a hash field: layers are multiples of 4, and the tables fit into memory."""
@@ -148,6 +155,7 @@ class SemanticNerfSettings(Settings):
     """Settings of Semantic NeRF: the same network twice, coarse and fine."""
 
     semantic_weight: float = 0.04
+    floor_weight: float = 0.0
     far: float = 10.0
     turn: float = 10.0
     layers: int = 8  # of the trunk

@@ -106,7 +106,7 @@ class HashField:
             distortion=np.float32(s.distortion_weight / count),
             turn=np.float32(s.turn),
             min_weight=np.float32(s.min_weight),
-            depth_error=np.float32(s.depth_weight / count),
+            depth_error=np.float32(s.distance_weight / count),
             density_gain=np.float32(s.density_gain),
         )
         rays, samples, targets, background = _padded_batch(rays, samples, targets, background)
@@ -117,7 +117,7 @@ class HashField:
         losses = {"mse": squared / 3, "distortion": spread}
         if len(gradients["semantic_1"]):
             losses |= {"cross_entropy": entropy, "class_accuracy": correct}
-        if s.depth_weight:
+        if s.distance_weight:
             losses["depth"] = depth_error
         found: Arrays = dict(gradients)
         if s.appearance and rays.frames is not None:

@@ -88,10 +88,10 @@ class TorchField(ABC):
             losses["cross_entropy"] = entropy.mean()
             losses["class_accuracy"] = (rendered.logits.argmax(dim=1) == labels).float().mean()
             total = total + s.semantic_weight * losses["cross_entropy"]
-        if s.depth_weight:
+        if s.distance_weight:
             measured = self.tensor(targets.depth)
             losses["depth"] = rendering.surface_loss(rendered.raw, rendered.starts, rendered.ends, measured, s).mean()
-            total = total + s.depth_weight * losses["depth"]
+            total = total + s.distance_weight * losses["depth"]
         return total, losses
 
     def train(

@@ -19,6 +19,7 @@ SETTINGS = {
         steps=30_000,
         rays=4096,
         rays_by_class=0.0,
+        floor_weight=0.0,
         distortion_weight=0.002,
         decay=0.95,
         table_rate=1.0,

@@ -16,6 +16,7 @@ SETTINGS = {
         steps=30_000,
         rays=4096,
         rays_by_class=0.0,
+        floor_weight=0.0,
         table_rate=1.0,
         min_weight=0.0,
         samples=48,
