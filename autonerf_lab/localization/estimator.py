@@ -94,13 +94,17 @@ class PoseEstimator:
         noise, before, scan = self.model.covariances[Action(action)], self.pose, self._scan(observation)
         if self.learned is not None and scan is not None and self._last is not None:
             motion, noise = self.learned.correct(scan, self._last, motion, noise)
+            if _contradict(scan, self._last, motion):
+                noise = noise + _LOST
         self._measured = measured
         self._base = moved_covariance(before, self._base, motion, np.zeros((3, 3)))
         self._local = moved_covariance(before, self._local, motion, noise)
         self.pose = compose(before, motion)
         node = self._graph.add_pose(self.pose)
         if self.scans and scan is not None and not self._localize(scan, node):
-            noise, self._local = noise + _LOST, self._local + _LOST
+            # Lost. What was mapped before says nothing about the place now: the map begins again, with this scan.
+            noise, self._base, self._local = noise + _LOST, self._base + self._local + _LOST, np.zeros((3, 3))
+            self._frames, self._scans = [node], [scan]
         self._last = scan
         self._graph.add_edge(node - 1, node, motion, np.linalg.inv(noise))
         if self.scans and self.loops and node - self._optimized >= _OPTIMIZE_EVERY:
@@ -132,6 +136,8 @@ class PoseEstimator:
         fits = self._track(scan, node, [(self._frames[k], self._scans[k]) for k in recent])
         if not fits and self._last is not None and self._last.count >= _POINTS:
             fits = self._track(scan, node, [(node - 1, self._last)])
+        if fits is None and self._last is not None:
+            fits = not _contradict(scan, self._last, between(self._graph.poses[node - 1], self.pose))
         if fits is False:
             return False
         self._graph.poses[node] = self.pose
@@ -201,6 +207,19 @@ class PoseEstimator:
 
 def _fits(factor: ScanFactor, scan: Scan) -> bool:
     return factor.overlap > _OVERLAP / 2 * scan.count and factor.inliers > _INLIERS * factor.overlap
+
+
+def _contradict(scan: Scan, previous: Scan, motion: np.ndarray) -> bool:
+    """Return True if two successive scans show different surfaces at the motion between them.
+
+    Points behind the surfaces of the other scan are no contradiction, because they may be hidden: so each scan is
+    compared with the other one.
+    """
+    for new, old, moved in ((scan, previous, motion), (previous, scan, between(motion, np.zeros(3)))):
+        factor = compare(new, old, moved, WIDTHS[-1])
+        if new.count >= _POINTS and factor.overlap > _OVERLAP * new.count and not _fits(factor, new):
+            return True
+    return False
 
 
 def _plausible(pose: np.ndarray, guess: np.ndarray, prior: np.ndarray) -> bool:

@@ -8,15 +8,17 @@ import toy_scene
 
 from autonerf_lab.data.trajectory import load_trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
-from autonerf_lab.exploration import explore
+from autonerf_lab.exploration import explore, rollout
 from autonerf_lab.exploration.rollout import POSES
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.localization import ESTIMATORS, OdometryModel, PoseEstimator, estimate_poses
 from autonerf_lab.localization.alignment import trajectory_errors
 from autonerf_lab.localization.se2 import between, to_planar
+from autonerf_lab.mapping.semantic_map import Mapper, empty_map
 from autonerf_lab.policies.base import Policy
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.simulator.motion_noise import MotionNoise
+from autonerf_lab.types import Observation
 
 CAMERA = Intrinsics.from_fov(64, 64)
 SQUARE = [0, 0, 0, 0, 1, 1, 1] * 8  # there and back along a side, with quarter turns
@@ -80,9 +82,9 @@ def test_true_poses_can_be_used(sim, recorded):
     assert (exact.pose_source, exact.other_poses) == ("true", {})
 
 
-def follow(recorded, depth):
-    """Run the estimator with other depth images; return it, and pose, deviations and covariance of each step."""
-    estimator = PoseEstimator(CAMERA, OdometryModel.from_noise(MotionNoise()))
+def follow(recorded, depth, name="pose-graph"):
+    """Run an estimator with other depth images; return it, and pose, deviations and covariance of each step."""
+    estimator = ESTIMATORS[name](CAMERA, OdometryModel.from_noise(MotionNoise()))
     observations = [
         replace(observation, depth=image) for observation, image in zip(_observations(recorded), depth, strict=True)
     ]
@@ -95,26 +97,80 @@ def follow(recorded, depth):
 
 
 def _observations(recorded):
-    from autonerf_lab.types import Observation
-
     blank = np.zeros((64, 64), np.uint8)
     return [Observation(blank, d, blank, pose) for d, pose in zip(recorded.depth, recorded.poses, strict=True)]
 
 
-def test_a_blind_robot_is_calibrated_odometry_and_grows_uncertain(recorded):
-    estimator, steps = follow(recorded, np.zeros_like(recorded.depth))
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_blind_robot_is_calibrated_odometry_and_grows_uncertain(recorded, name):
+    estimator, steps = follow(recorded, np.zeros_like(recorded.depth), name)
+    estimator.finish()
     expected = estimate_poses(recorded, "calibrated").poses
     np.testing.assert_allclose(estimator.trajectory, expected, atol=1e-6)
     spread = np.array([deviations for _, deviations, _ in steps])
     assert (np.diff(spread[:, 2]) > 0).all() and spread[-1, 2] > 0.01
 
 
-def test_a_kidnapped_robot_says_that_it_is_lost(recorded):
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_kidnapped_robot_says_that_it_is_lost_and_stays_so_when_it_is_blind(recorded, name):
     depth = recorded.depth.copy()
-    depth[20:] = depth[:36][::-1]  # images of elsewhere
-    _, steps = follow(recorded, depth)
+    depth[20:], depth[45:] = depth[:36][::-1], 0  # images of elsewhere, then none
+    estimator, steps = follow(recorded, depth, name)
+    estimator.finish()
+    true = to_planar(recorded.other_poses["true"])
+    true[20:] = true[:36][::-1]
+    error = np.linalg.norm([pose[:2] for pose, _, _ in steps] - true[1:, :2], axis=1)
     spread = np.array([np.hypot(*deviations[:2]) for _, deviations, _ in steps])
-    assert spread[:18].max() < 0.05 and spread[20:].max() > 0.3
+    assert spread[:18].max() < 0.05 and error[19:].max() > 1 and np.isfinite(estimator.trajectory).all()
+    if name == "calibrated":  # sees no images, and cannot notice
+        assert spread.max() < 0.05
+    else:
+        assert spread[19:].min() > 0.5 and (error < 3 * spread).all()
+
+
+def test_no_false_alarm_without_kidnapping(recorded):
+    for name in ESTIMATORS:
+        _, steps = follow(recorded, recorded.depth, name)
+        assert max(np.hypot(*deviations[:2]) for _, deviations, _ in steps) < 0.05
+
+
+def test_maps_are_drawn_again_when_earlier_poses_are_corrected(sim, monkeypatch):
+    """A toy estimator finds at the fifth step that all poses were a metre off."""
+
+    class Late(PoseEstimator):
+        def start(self, observation):
+            self.found, self.revision = [observation.pose], 0
+
+        def update(self, observation, action):
+            shift = np.array([1.0, 0, 0]) if self.revision else np.zeros(3)
+            self.found.append(observation.pose + np.pad(shift[:, None], ((0, 1), (3, 0))))
+            if len(self.found) == 6:
+                self.revision = 1
+                for pose in self.found:
+                    pose[0, 3] += 1.0
+
+        def finish(self):
+            pass
+
+        standard_deviations = (0.0, 0.0, 0.0)
+
+        @property
+        def c2w(self):
+            return self.found[-1]
+
+        @property
+        def trajectory(self):
+            return np.array(self.found)
+
+    monkeypatch.setattr(rollout, "PoseEstimator", Late)
+    policy = Square()
+    trajectory = explore(sim, policy, 9, progress=False, pose=planar_pose(2.4, 0.6, 0.0), poses="estimated")
+    mapper = Mapper(empty_map(trajectory.poses[0], rollout.MAP_SIZE), CAMERA, grows=True)
+    for pose, depth, labels in zip(trajectory.poses, trajectory.depth, trajectory.semantics, strict=True):
+        _, expected = mapper.add(Observation(labels, depth, labels, pose))
+    for name in ("explored", "occupied", "semantics", "visited"):
+        np.testing.assert_array_equal(getattr(policy.maps[-1], name), getattr(expected, name))
+    np.testing.assert_allclose(expected.origin - policy.maps[4].origin, [1, 0], atol=0.05)
 
 
 def test_the_covariance_is_as_large_as_the_errors(recorded):
