@@ -47,6 +47,16 @@ def draw_trajectory(
             "without alignment; dotted: standard deviation that the estimate predicts.",
             alt="Paths of the pose sources from above, beside curves of position and heading error over the steps",
         )
+        if trajectory.depth is not None:
+            gallery.add(
+                "trajectory",
+                "pose_maps",
+                partial(figures.pose_maps, trajectory),
+                title="Map before and after the correction of the poses",
+                caption="Depth points between 0.3 and 1.6 m above the floor, at the poses of each source; dotted: true "
+                "path. Wrong poses draw a wall several times.",
+                alt="Walls and furniture from above as points of all depth images, one panel for each pose source",
+            )
     gallery.add(
         "trajectory",
         "frames",

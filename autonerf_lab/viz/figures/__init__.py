@@ -1,6 +1,6 @@
 """Figures of evaluations, trajectories and trainings; each function returns a matplotlib Figure."""
 
-from autonerf_lab.viz.figures.drift import pose_drift, trajectory_drift
+from autonerf_lab.viz.figures.drift import pose_drift, pose_maps, trajectory_drift
 from autonerf_lab.viz.figures.evaluation import (
     bird_view,
     confusion,
@@ -46,6 +46,7 @@ __all__ = [
     "plain_log",
     "planned_paths",
     "pose_drift",
+    "pose_maps",
     "refinement_frames",
     "refinement_trace",
     "reliability_diagram",
