@@ -73,6 +73,20 @@ class TestEvery:
             np.testing.assert_array_equal(a, b)
         assert any((a != b).any() for a, b in zip(play(plain, 5), play(plain, 6), strict=True))
 
+    def test_noise_by_name_changes_motion_odometry_and_depth(self, name, scene):
+        exact, noisy = (
+            gymnasium.make(name, scene=scene, **options, **small(name)).unwrapped
+            for options in ({}, {"noise": "ans", "depth_noise": "redwood"})
+        )
+        for env in (exact, noisy):
+            env.reset(seed=3)
+            env.step(0 * env.action_space.sample())
+        assert (noisy.sim.noise.model, noisy.sim.depth_noise) == ("ans", "redwood")
+        assert not np.allclose(noisy.sim.pose, exact.sim.pose)
+        assert not np.allclose(noisy.observation.pose, noisy.sim.pose), "odometry has its own errors"
+        for env, differs in ((exact, False), (noisy, True)):
+            assert (env.observation.depth != env.sim.render(env.sim.pose).depth).any() == differs
+
     def test_renders_the_robots_view(self, name, scene):
         env = gymnasium.make(name, scene=scene, render_mode="rgb_array", **small(name))
         env.reset(seed=0)

@@ -11,17 +11,52 @@ from autonerf_lab.simulator.depth_noise import redwood
 from autonerf_lab.types import Action
 
 
-def test_actuation_noise_has_the_published_moments():
-    rng = np.random.default_rng(0)
-    noise = MotionNoise()
-    forward = np.array([noise.motion(Action.FORWARD, rng) for _ in range(4000)])
-    np.testing.assert_allclose(forward.mean(axis=0)[0], 0.580 * 0.2450 + 0.420 * 0.2465, atol=2e-4)
-    left = np.array([noise.motion(Action.TURN_LEFT, rng) for _ in range(4000)])
-    mean = 3 * (0.569 * 11.52 + 0.431 * 10.93)  # a rotation of 30 degrees is three of 10
-    assert np.degrees(left[:, 2].mean()) == pytest.approx(mean, abs=0.1)
-    right = np.array([noise.motion(Action.TURN_RIGHT, rng) for _ in range(4000)])
-    assert np.degrees(right[:, 2].mean()) == pytest.approx(-3 * 11.09, abs=0.1)
-    assert np.degrees(right[:, 2].std()) == pytest.approx(np.sqrt(3) * 0.48, rel=0.05)
+# Chaplot et al. 2020: weight, mean and standard deviation of forward, right (mm) and clockwise angle (degrees). A turn of
+# 30 degrees is three measured ones of 10.
+PUBLISHED = {
+    ("motion", Action.FORWARD): (
+        (0.580, (245.0, 2.2, 0.0125), (3.7, 2.6, 0.0057)),
+        (0.420, (246.5, 1.8, 0.0047), (3.3, 2.6, 0.0062)),
+    ),
+    ("motion", Action.TURN_LEFT): (
+        (0.569, (-1.5, -20.1, -11.52), (0, 0, 0.32)),
+        (0.431, (-1.6, -19.0, -10.93), (0, 0, 0.26)),
+    ),
+    ("motion", Action.TURN_RIGHT): ((1.0, (-0.8, 19.5, 11.09), (0, 0, 0.48)),),
+    ("odometry_error", Action.FORWARD): (
+        (0.845, (1.0, -1.1, 0), (2.5, 2.3, 0.0022)),
+        (0.155, (3.8, 0, -0.0006), (2.9, 2.2, 0.0024)),
+    ),
+    ("odometry_error", Action.TURN_LEFT): ((1.0, (2.0, 19.6, 0.198), (1.4, 1.6, 0.084)),),
+    ("odometry_error", Action.TURN_RIGHT): (
+        (0.561, (1.7, -19.3, -0.039), (0, 0, 0.067)),
+        (0.439, (2.3, -19.5, 0.068), (0, 0, 0.061)),
+    ),
+}
+
+
+@pytest.mark.parametrize(("kind", "action"), PUBLISHED)
+def test_ans_noise_has_the_published_moments(kind, action):
+    weight, mean, sigma = (np.array(part) for part in zip(*PUBLISHED[kind, action], strict=True))
+    times = 1 if action == Action.FORWARD else 3
+    expected = times * weight @ mean
+    variance = weight @ (times * sigma**2 + (times * mean - expected) ** 2)
+    noise, rng = MotionNoise(), np.random.default_rng(0)
+    samples = np.array([getattr(noise, kind)(action, rng) for _ in range(10_000)])
+    found = samples * [1000, -1000, -np.degrees(1)]
+    np.testing.assert_allclose(found.mean(axis=0), expected, atol=1e-9 + 4 * np.sqrt(variance.max() / 10_000))
+    np.testing.assert_allclose(found.mean(axis=0)[2], expected[2], atol=4 * np.sqrt(variance[2] / 10_000))
+    np.testing.assert_allclose(found.std(axis=0), np.sqrt(variance), rtol=0.03, atol=1e-9)
+    if kind == "odometry_error":  # the calibration of the robot
+        calibrated, covariance = noise.odometry_moments(action)
+        np.testing.assert_allclose(samples.mean(axis=0), calibrated, atol=1e-12 + 4 * np.sqrt(covariance.max() / 1e4))
+        spread = np.sqrt(np.diag(covariance))
+        np.testing.assert_allclose(
+            np.cov(samples.T) / np.outer(spread, spread), covariance / np.outer(spread, spread), atol=0.05
+        )
+
+
+def test_unknown_models_and_scales_are_refused():
     with pytest.raises(UnknownNameError, match="valid names: ans, locobot"):
         MotionNoise(model="perfect")
     with pytest.raises(DataError, match="scale of motion noise"):
