@@ -1,9 +1,10 @@
 """Ladder of pose estimates: errors of the poses of noisy trajectories, and what they cost the field.
 
 In each scene a policy acts on its own estimate (``poses="estimated"``), with noise of motion, odometry and depth. The
-poses of the recorded trajectory are then those by odometry, calibrated odometry, scan matching, the pose graph and
-bundle adjustment (``refined``). ``--fields`` trains a field with the true, measured, estimated and refined poses and
-scores it; its frame is aligned with the scene first. Values are means over scenes with 95 % intervals.
+poses of the recorded trajectory are then those by odometry, of each estimator, and of bundle adjustment: from the pose
+graph (``refined``), from calibrated odometry, and from the pose graph by colour alone, which trains a field.
+``--fields`` trains a field with the true, measured, estimated and refined poses and scores it; its frame is aligned
+with the scene first. Values are means over scenes with 95 % intervals.
 ``--quick`` takes one scene and 300 steps.
 
 Run: python benchmarks/localization.py [--quick] [--fields] [--scenes dev-0 dev-1] [--noise ans] [--out DIR]
@@ -12,6 +13,7 @@ Run: python benchmarks/localization.py [--quick] [--fields] [--scenes dev-0 dev-
 import argparse
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +37,21 @@ SCORES = (
 )  # fmt: skip
 
 
-def ladder(recorded: Trajectory) -> dict[str, tuple[Trajectory, float]]:
-    """Return the trajectory with each estimate of its poses, and the seconds that each took."""
+def ladder(recorded: Trajectory, size: str) -> dict[str, tuple[Trajectory, float]]:
+    """Return the trajectory with each estimate of its poses, and the seconds that each took; ``size``: of the field."""
     found = {"odometry": (recorded.with_poses("odometry"), 0.0)}
     for name in ESTIMATORS:
         start = time.process_time()
         found[name] = lab.estimate_poses(recorded, name), time.process_time() - start
-    start = time.process_time()
-    found["refined"] = lab.refine_poses(found["pose-graph"][0]), time.process_time() - start
+    graph, calibrated = found["pose-graph"][0], found["calibrated"][0]
+    refinements = {
+        "refined": graph,
+        "refined from calibrated": calibrated,
+        "refined by colour alone": replace(graph, depth=None),
+    }
+    for name, rough in refinements.items():
+        start = time.process_time()
+        found[name] = lab.refine_poses(rough, preset=size, progress=False), time.process_time() - start
     return found
 
 
@@ -66,7 +75,7 @@ def main() -> None:
         sim = lab.Simulator(scene, noise=noise, depth_noise="redwood")
         recorded = lab.explore(sim, options.policy, steps=steps, seed=0, poses="estimated", progress=False)
         true = recorded.with_poses("true")
-        estimates = ladder(recorded)
+        estimates = ladder(recorded, size)
         for estimate, (trajectory, seconds) in estimates.items():
             found = trajectory_errors(to_planar(trajectory.poses), to_planar(true.poses))
             errors = {key: factor * getattr(found, key) for key, factor in ERRORS.items()}

@@ -1,37 +1,50 @@
 """Predicted labels: single frames, fields and fused labels, in scenes without training frames.
 
 ``python benchmarks/segmentation.py [--quick]`` scores the frames in the development scenes and measures their time.
-``--fields`` also explores each scene with ``modular-obs``, with true and with predicted labels, and scores both fields
-(about eight minutes a scene on two cores). ``--out DIR`` keeps the figures and the scores of every field.
+``--runs TRUE PREDICTED`` also compares the fields of two results folders, which these commands write, and the labels of
+the frames fused in a point cloud (about two minutes a run on one core)::
+
+    GRID="--policies modular-obs --scenes dev --starts 1 --save-runs"
+    autonerf-lab bench run $GRID --out TRUE
+    autonerf-lab bench run $GRID --semantics predicted --out PREDICTED
+
+``--out DIR`` keeps the figures and the IoU of each class in each run.
 """
 
 import argparse
 import json
 import time
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from common.output import write_csv
 
 import autonerf_lab as lab
-from autonerf_lab.benchmark.statistics import Interval, difference, interval
+from autonerf_lab.benchmark.statistics import Interval, Runs, difference, interval
 from autonerf_lab.classes import CLASS_NAMES, NUM_CLASSES
 from autonerf_lab.config import preset
+from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import Scores
 from autonerf_lab.evaluators.rendering import sample_test_poses
 from autonerf_lab.evaluators.segmentation import SegmentationErrors
+from autonerf_lab.pipeline import StageContext
+from autonerf_lab.pipeline.run_folder import load_run
 from autonerf_lab.scenes import scene_names
 from autonerf_lab.segmentation import make_segmenter
 from autonerf_lab.segmentation.metrics import class_scores, object_precision_recall
 from autonerf_lab.viz import figures
 
-POLICY, MODEL, SIZE = "modular-obs", "semantic-nerfacto", preset("fast")
+SIZE = preset("fast")
 SHOWN = (
     ("rendering", "psnr"),
     ("rendering", "per_class_accuracy"),
     ("rendering", "miou"),
     ("planning", "objectgoal_success"),
 )
+COLUMNS = ("frames", "field", "fused", "true")  # of a run: single frames, field, fused labels, field of true labels
 
 
 def text(found: Interval) -> str:
@@ -50,65 +63,127 @@ def score_frames(name: str, segmenter: str, poses: int, total: SegmentationError
     sim = lab.Simulator.from_preset(lab.load_scene(name), SIZE)
     made, errors, seconds = make_segmenter(segmenter), SegmentationErrors(), []
     made.reset(np.random.default_rng(0))
-    for c2w in sample_test_poses(sim, poses):
-        frame = sim.render(c2w)
+    # All views first: a network runs slower on cores that waited for the renderer, which uses one of them.
+    frames = [sim.render(c2w) for c2w in sample_test_poses(sim, poses)]
+    found = []
+    for frame in frames:
         start = time.perf_counter()
-        found = made(frame.rgb, frame.depth, frame.semantics)
+        found.append(made(frame.rgb, frame.depth, frame.semantics))
         seconds.append(time.perf_counter() - start)
+    for labels, frame in zip(found, frames, strict=True):
         for counts in (errors, total):
-            counts.add(found, frame)
+            counts.add(labels, frame)
     return errors.confusion, float(np.median(seconds))
 
 
-def score_field(name: str, source: str, steps: int | None, out: Path | None) -> Scores:
-    """Explore a scene with labels of a source, fit a field and score it."""
-    scene = lab.load_scene(name)
-    sim = lab.Simulator.from_preset(scene, SIZE, semantics=source)
-    trajectory = lab.explore(sim, POLICY, steps=steps or SIZE.episode_steps, progress=False)
-    nerf = lab.fit(trajectory, MODEL, SIZE, steps=steps, progress=False)
-    tasks = ["rendering", "planning", *([] if source == "true" else ["segmentation"])]
-    scores = lab.evaluate(nerf, scene, SIZE, tasks=tasks, trajectory=trajectory, progress=False)
+@dataclass(frozen=True)
+class FieldScores:
+    """Scores of a run with predicted labels, beside those of the same run with true labels."""
+
+    scene: str
+    start: int
+    scores: dict[str, Scores]  # by column; ``field`` and ``true`` are those of the results folders
+    classes: dict[str, np.ndarray]  # (16,) IoU of each class, percent, by column; nan if it is not in the test views
+
+
+def saved_runs(results: Path) -> dict[tuple[str, int], StageContext]:
+    """Return the finished runs of a results folder by scene and start.
+
+    Raises:
+        DataError: there are none.
+    """
+    found = {}
+    for path in sorted((results / "runs").glob("*/run.json")):
+        run = load_run(path.parent)
+        if run.finished("evaluate"):
+            found[run.config.scene, run.config.seed] = StageContext(run)
+    if not found:
+        raise DataError(f"{results} has no finished runs; `autonerf-lab bench run --save-runs` keeps them")
+    return found
+
+
+def score_run(true: StageContext, predicted: StageContext, out: Path | None) -> FieldScores:
+    """Score the frames, the field and the fused labels of a run at the same test views."""
+    config = predicted.run.config
+    found = lab.evaluate(
+        predicted.nerf, predicted.scene, predicted.preset, config.seed, tasks=["rendering", "segmentation"],
+        trajectory=predicted.trajectory, progress=False,
+    )  # fmt: skip
+    fused = found.baselines["fused_labels"]
+    stored = {column: Scores.load(c.run / "scores.json") for column, c in (("field", predicted), ("true", true))}
+    frames = Scores([row for row in stored["field"] if row.task == "segmentation"])
+    artifacts = {
+        "frames": found.artifacts["segmentation"],
+        "field": found.artifacts["rendering"],
+        "fused": fused.artifacts["rendering"],
+    }
     if out is not None:
-        scores.save(out / f"{name}-{source}.json")
-        for figure in ("segmentation_views",) if source != "true" else ():
-            getattr(figures, figure)(scores.artifacts["segmentation"]).savefig(out / f"{name}-{figure}.png", dpi=110)
-    return scores
+        figure = figures.segmentation_views(artifacts["frames"])
+        figure.savefig(out / f"{config.scene}-{config.seed}-segmentation_views.png", dpi=110)
+    return FieldScores(
+        config.scene,
+        config.seed,
+        {"frames": frames, "fused": fused, **stored},
+        {column: class_iou(artifact["confusion"]) for column, artifact in artifacts.items()},
+    )
 
 
-def compare_fields(by_scene: Mapping[str, dict[str, Scores]], source: str) -> dict[str, float]:
+def by_scene(runs: list[FieldScores], value: Callable[[FieldScores], float | None]) -> Runs:
+    """Return the values of all runs by scene, without those that are unknown."""
+    found: dict[str, list[float]] = defaultdict(list)
+    for run in runs:
+        number = value(run)
+        if number is not None and np.isfinite(number):
+            found[run.scene].append(number)
+    return found
+
+
+def score_of(task: str, metric: str, column: str) -> Callable[[FieldScores], float | None]:
+    """Return a function that looks up a score of a run; single frames have their own task."""
+    key = ("segmentation" if column == "frames" else task), metric
+    return lambda run: next((row.value for row in run.scores[column] if (row.task, row.metric) == key), None)
+
+
+def print_row(title: str, columns: dict[str, Runs], pairs: tuple[tuple[str, str], ...]) -> None:
+    """Print means with intervals, and paired differences."""
+    cells = [text(interval(values)) if values else "" for values in columns.values()]
+    for a, b in pairs:
+        both = columns[a] and columns[b]
+        cells.append(text(difference(columns[a], columns[b])) if both else "")
+    print(f"{title:<32}" + "".join(f"{cell:>16}" for cell in cells))
+
+
+def compare_fields(runs: list[FieldScores]) -> dict[str, float]:
     """Print the scores of the fields, and the IoU of each class in frames, field and fused labels."""
-    columns = {"true labels": lambda s: s["true"], f"{source} labels": lambda s: s[source],
-               "fused labels": lambda s: s[source].baselines["fused_labels"]}  # fmt: skip
-    print(f"\n{'mean over scenes, 95 % interval':<34}" + "".join(f"{title:>20}" for title in columns))
+    pairs = (("field", "frames"), ("field", "fused"), ("field", "true"))
+    titles = ["frames", "field", "fused labels", "true labels", *(f"{a} - {b}" for a, b in pairs)]
+    print(f"\n{'mean over scenes, 95 % interval':<32}" + "".join(f"{title:>16}" for title in titles))
     found: dict[str, float] = {}
     for task, metric in SHOWN:
-        cells = []
-        for title, of in columns.items():
-            scores = {scene: of(s) for scene, s in by_scene.items()}
-            known = [s for s in scores if (task, metric) in {(row.task, row.metric) for row in scores[s]}]
-            runs = {scene: [scores[scene][task, metric]] for scene in known}
-            cells.append(f"{text(interval(runs)) if runs else '':>20}")
-            if runs:
-                found[f"{metric}_{title.split()[0]}"] = round(interval(runs).mean, 2)
-        print(f"{task + ': ' + metric:<34}" + "".join(cells))
-    parts = {
-        "frames": [class_iou(s[source].artifacts["segmentation"]["confusion"]) for s in by_scene.values()],
-        "field": [class_iou(s[source].artifacts["rendering"]["confusion"]) for s in by_scene.values()],
-        "fused": [
-            class_iou(s[source].baselines["fused_labels"].artifacts["rendering"]["confusion"])
-            for s in by_scene.values()
-        ],
-    }
-    print(f"\n{'IoU of the class, %':<20}{'frames':>10}{'field':>10}{'fused':>10}{'field - frames':>20}")
+        columns = {column: by_scene(runs, score_of(task, metric, column)) for column in COLUMNS}
+        print_row(f"{task}: {metric}", columns, pairs)
+        found |= {f"{metric}_{name}": round(interval(values).mean, 2) for name, values in columns.items() if values}
+    pairs = (("field", "frames"), ("field", "fused"))
+    titles = ["frames", "field", "fused labels", *(f"{a} - {b}" for a, b in pairs)]
+    print(f"\n{'IoU of the class, %':<32}" + "".join(f"{title:>16}" for title in titles))
     for k in range(NUM_CLASSES):
-        runs = {
-            part: {str(i): [iou[k]] for i, iou in enumerate(ious) if np.isfinite(iou[k])}
-            for part, ious in parts.items()
+        columns = {
+            column: by_scene(runs, lambda run, column=column, k=k: float(run.classes[column][k]))
+            for column in ("frames", "field", "fused")
         }
-        if runs["frames"]:
-            means = "".join(f"{interval(values).mean:>10.1f}" for values in runs.values())
-            print(f"{CLASS_NAMES[k]:<20}{means}{text(difference(runs['field'], runs['frames'])):>20}")
+        if columns["frames"]:
+            print_row(CLASS_NAMES[k], columns, pairs)
     return found
+
+
+def class_rows(runs: list[FieldScores]) -> list[dict[str, object]]:
+    """Return the IoU of each class in each run as rows of a table; empty if the class is not in the test views."""
+    return [
+        {"scene": run.scene, "start": run.start, "class": CLASS_NAMES[k]}
+        | {column: float(iou[k]) if np.isfinite(iou[k]) else None for column, iou in run.classes.items()}
+        for run in runs
+        for k in range(NUM_CLASSES)
+    ]
 
 
 def main() -> None:
@@ -117,9 +192,11 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="One scene, 20 views.")
     parser.add_argument("--scenes", default=",".join(scene_names("dev")), help="Names, separated by commas.")
     parser.add_argument("--semantics", default="predicted", help="Segmenter.")
-    parser.add_argument("--fields", action="store_true", help="Also explore, fit and score fields.")
-    parser.add_argument("--steps", type=int, default=None, help="Steps of episode and fit, for a look.")
-    parser.add_argument("--out", type=Path, default=None, help="Folder of figures and scores.")
+    parser.add_argument(
+        "--runs", type=Path, nargs=2, default=None, metavar=("TRUE", "PREDICTED"),
+        help="Results folders with saved runs; compares the fields in the scenes that both have.",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, default=None, help="Folder of figures and of the table of classes.")
     options = parser.parse_args()
     names = options.scenes.split(",")[: 1 if options.quick else None]
     if options.out is not None:
@@ -141,14 +218,18 @@ def main() -> None:
     if options.out is not None:
         for figure in ("segmentation_failures", "reliability_diagram"):
             getattr(figures, figure)({"errors": total}).savefig(options.out / f"{figure}.png", dpi=110)
-    if options.fields:
-        by_scene = {
-            name: {
-                source: score_field(name, source, options.steps, options.out) for source in ("true", options.semantics)
-            }
-            for name in names
-        }
-        result |= compare_fields(by_scene, options.semantics)
+    if options.runs is not None:
+        true, predicted = map(saved_runs, options.runs)
+        compared = [
+            score_run(true[key], predicted[key], options.out)
+            for key in sorted(true.keys() & predicted.keys())
+            if key[0] in names
+        ]
+        if not compared:
+            raise DataError(f"the two results folders have no common run in {', '.join(names)}")
+        result |= compare_fields(compared)
+        if options.out is not None:
+            write_csv(options.out / "classes.csv", class_rows(compared))
     print(json.dumps(result))
 
 

@@ -10,9 +10,8 @@ from autonerf_lab.simulator import MotionNoise, Simulator
 from autonerf_lab.simulator.depth_noise import redwood
 from autonerf_lab.types import Action
 
-
-# Chaplot et al. 2020: weight, mean and standard deviation of forward, right (mm) and clockwise angle (degrees). A turn of
-# 30 degrees is three measured ones of 10.
+# Chaplot et al. 2020: weight, mean and standard deviation of forward, right (mm) and clockwise angle (degrees). A turn
+# of 30 degrees is three measured ones of 10.
 PUBLISHED = {
     ("motion", Action.FORWARD): (
         (0.580, (245.0, 2.2, 0.0125), (3.7, 2.6, 0.0057)),
