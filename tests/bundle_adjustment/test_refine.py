@@ -151,3 +151,11 @@ def test_colour_alone_improves_photographs_and_tells_which_are_black() -> None:
     assert errors(seen, true)[0] < 0.9 * before[0]
     position, _ = pose_deviations(found)
     assert position[-1] > 3 * np.median(position[:-1])
+
+
+def test_black_photographs_leave_the_poses_unknown_and_raise_nothing() -> None:
+    data = toy_photos.photographs(toy_photos.orbit(6))
+    black = replace(data, images=[np.zeros_like(image) for image in data.images])
+    found = refine_poses(black, preset="smoke", steps=10, progress=False)
+    assert np.isfinite(found.poses).all()
+    assert pose_deviations(found)[0].min() > 1000 * np.ptp(data.poses[:, :3, 3])
