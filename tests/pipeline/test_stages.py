@@ -179,8 +179,11 @@ def test_pose_sources_of_exploration_and_training(tmp_path, monkeypatch):
     monkeypatch.setitem(run_module.STAGE_FUNCTIONS, "scene", lambda context: None)
     monkeypatch.setitem(run_module.STAGE_FUNCTIONS, "fit", lambda context: used.append(context.trajectory))
     noise = {"noise": "ans", "depth_noise": "redwood", "poses": "estimated", "steps": 3}
-    run_pipeline(tmp_path, policy="random", last="explore", options=pipeline.StageOptions(figures=()), **noise)
+    options = pipeline.StageOptions(figures=("drift", "pose_maps"))
+    run_pipeline(tmp_path, policy="random", last="explore", options=options, **noise)
     assert load_run(tmp_path).config.poses == "estimated"
+    drawn = {path.name for path in (tmp_path / "figures").glob("*.png")}
+    assert drawn == {"explore_drift.png", "explore_pose_maps.png"}
     with pytest.raises(DataError, match="there are no 'refined' poses, only true, odometry, estimated"):
         pipeline.run_stage(tmp_path, "fit", "instant-ngp", poses="refined")
     assert not used and load_run(tmp_path).config.model is None
