@@ -56,6 +56,14 @@ def test_scores_of_the_task_and_its_figures(scene) -> None:
         assert getattr(figures, name)(artifact).axes and getattr(figures, name)({}).axes
 
 
+def test_the_legend_names_the_classes_of_all_images() -> None:
+    view = {name: np.full((4, 4), k, np.uint8) for k, name in enumerate(("predicted", "field", "truth"), start=1)}
+    view["rgb"] = np.zeros((4, 4, 3), np.uint8)
+    for field, expected in ((view["field"], ["chair", "couch", "potted plant"]), (None, ["chair", "potted plant"])):
+        figure = figures.segmentation_views({"views": [view | {"field": field}]})
+        assert [text.get_text() for text in figure.legends[0].get_texts()] == expected
+
+
 def test_true_labels_have_nothing_to_score(scene) -> None:
     scores = evaluate(field(scene, None), scene, SMALL, tasks=["segmentation"], progress=False)
     assert {(row.value, row.status) for row in scores} == {(None, "true labels: no segmenter")}

@@ -32,7 +32,7 @@ def segmentation_views(artifact: dict[str, Any]) -> Figure:
                 ax.imshow(view[name] if name == "rgb" else colorize(view[name]))
     for ax, title in zip(axes[0], titles.values(), strict=True):
         ax.set_title(title, fontsize=9)
-    layers = [view[name] for view in views for name in ("predicted", "truth")]
+    layers = [view[name] for view in views for name in ("predicted", "field", "truth") if view[name] is not None]
     class_legend(figure, np.unique(np.stack(layers)))
     return figure
 
