@@ -91,6 +91,7 @@ def _sequences(folder: Path) -> list[Entry]:
         "record3d": "rgb/{t}.png",
         "colmap_text": "images/{t}.png",
         "colmap_binary": "images/{t}.png",
+        "blender": "{t}.png",
     }
     for place, names in places.items():
         for t in range(FRAMES):
@@ -131,7 +132,11 @@ def _sequences(folder: Path) -> list[Entry]:
         for t in range(FRAMES)
     )
     _write(model / "images.bin", struct.pack("<Q", FRAMES) + images)
+    for name, chosen in (("train", [0, 1]), ("test", [2])):
+        entries = [{"file_path": f"./{t}", "transform_matrix": poses[t].tolist()} for t in chosen]
+        _write(folder / f"blender/transforms_{name}.json", {"camera_angle_x": 0.9, "frames": entries})
     files = {
+        "blender.json": "blender/transforms_train.json",
         "tum-groundtruth.txt": "tum/groundtruth.txt",
         "tum-rgb.txt": "tum/rgb.txt",
         "tum-camera.txt": "tum/camera.txt",

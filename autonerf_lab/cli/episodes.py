@@ -24,12 +24,12 @@ class EpisodesEvaluateCommand:
     def run(self) -> None:
         """Run the episodes and print the scores."""
         from autonerf_lab import pipeline
-        from autonerf_lab.data.episodes import read_episodes
+        from autonerf_lab.data.episodes import read_episodes, scene_name
         from autonerf_lab.evaluators.episodes import evaluate_episodes
 
         episodes = read_episodes(self.episodes)
         scene = pipeline.find_scene(self.scene)
-        mine = [episode for episode in episodes if episode.scene == scene.name] or episodes
+        mine = [episode for episode in episodes if episode.scene == scene_name(scene.name)] or episodes
         scores = evaluate_episodes(self.policy, mine[: self.count], scene, max_steps=self.max_steps, seed=self.seed)
         print(scores.table())
         if self.out is not None:

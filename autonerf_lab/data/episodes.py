@@ -17,6 +17,7 @@ from autonerf_lab.utils.storage import MAX_BYTES, parse_json, read_bytes, write_
 
 Vector = tuple[float, float, float]
 _MAX_NUMBER = 1e5
+_ENDINGS = (".json", ".scene_instance", ".glb", ".obj", ".ply", ".basis")  # of the file of a scene, last one first
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,20 @@ class Episode:
     @property
     def scene(self) -> str:
         """Name of the scene: that of its file, without folders and endings."""
-        return self.scene_id.replace("\\", "/").rpartition("/")[2].split(".")[0]
+        return scene_name(self.scene_id)
+
+
+def scene_name(scene_id: str) -> str:
+    """Return the name of a scene from the path of its file.
+
+    Example:
+        >>> scene_name("hm3d/val/00800-TEE/TEE.basis.glb"), scene_name("102.scene_instance.json"), scene_name("home.v2")
+        ('TEE', '102', 'home.v2')
+    """
+    name = scene_id.replace("\\", "/").rpartition("/")[2]
+    for ending in _ENDINGS:
+        name = name.removesuffix(ending)
+    return name
 
 
 class _AgentState(msgspec.Struct):
@@ -74,6 +88,7 @@ def read_episodes(path: str | Path) -> list[Episode]:
 
     Raises:
         DataError: the file is missing or damaged, or an episode has no goal or implausible numbers; names the episode.
+            Or the file only announces the folder ``content``, which has a file for each scene.
     """
     path = Path(path)
     data = read_bytes(path)
@@ -86,6 +101,8 @@ def read_episodes(path: str | Path) -> list[Episode]:
         if decoder.unconsumed_tail or not decoder.eof:
             raise DataError(f"{path} is cut off, or has more than {MAX_BYTES} bytes when decompressed")
     content = parse_json(data, _File, str(path))
+    if not content.episodes and (path.parent / "content").is_dir():
+        raise DataError(f"{path} holds no episodes; give the file of a scene, {path.parent / 'content'}/SCENE.json.gz")
     return [
         _episode(entry, content.goals_by_category, f"{path}: episodes[{k}]") for k, entry in enumerate(content.episodes)
     ]
@@ -120,7 +137,7 @@ def _episode(entry: _Episode, by_category: dict[str, list[_Goal]], where: str) -
 
 
 def write_episodes(episodes: list[Episode], path: str | Path) -> Path:
-    """Write episodes as ``.json`` or, by the name of the file, ``.json.gz``.
+    """Write episodes as ``.json`` or, by the name of the file, ``.json.gz``, with the entries that habitat-lab needs.
 
     Raises:
         DataError: the file cannot be written.
@@ -142,9 +159,15 @@ def write_episodes(episodes: list[Episode], path: str | Path) -> Path:
                 {"agent_state": {"position": point, "rotation": (0, 0, 0, 1)}, "iou": 0.0} for point in episode.goals
             ]
             key = f"{episode.scene_id.rpartition('/')[2]}_{episode.category}"
-            by_category[key] = [{"position": episode.goals[0], "radius": None, "view_points": views}]
+            goal = {"position": episode.goals[0], "radius": None, "object_id": 0, "object_category": episode.category}
+            by_category[key] = [goal | {"view_points": views}]
             entry |= {"object_category": episode.category, "goals": []}
         entries.append(entry)
-    data = msgspec.json.encode({"episodes": entries, **({"goals_by_category": by_category} if by_category else {})})
+    content: dict[str, Any] = {"episodes": entries}
+    if by_category:
+        ids = {name: k for k, name in enumerate(sorted({episode.category for episode in episodes if episode.category}))}
+        content |= {"category_to_task_category_id": ids, "category_to_scene_annotation_category_id": ids}
+        content["goals_by_category"] = by_category
+    data = msgspec.json.encode(content)
     write_bytes(path, gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
     return path

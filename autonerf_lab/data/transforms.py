@@ -3,6 +3,7 @@
 Functions take ``where``, the file or frame that an error message names.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -39,27 +40,41 @@ class Transforms:
         """Return the name of a frame for messages."""
         return f"{self.path}: frame {t}"
 
-    def files(self, key: str, shared: bool = False) -> list[Path]:
-        """Return the file of each frame under a key, such as ``file_path``; ``shared``: frames may share one.
+    def files(self, key: str) -> list[Path]:
+        """Return the file of each frame under a key, such as ``file_path``.
 
         Raises:
             DataError: a file does not exist, or two frames share one.
         """
-        names = [read_path(frame.get(key), key, self.where(t)) for t, frame in enumerate(self.frames)]
-        found = [_find(self.path.parent / name) for name in names]
-        missing = [name for name, file in zip(names, found, strict=True) if file is None]
+        files = self._found(key, range(len(self.frames)))
+        first: dict[Path, int] = {}
+        for t, file in files.items():
+            if first.setdefault(file, t) != t:
+                name = self.frames[t][key]
+                raise DataError(
+                    f"{self.path}: frames {first[file]} and {t} share the {key!r} {name!r}; remove one of them"
+                )
+        return [*files.values()]
+
+    def optional_files(self, key: str) -> list[Path | None] | None:
+        """Return the file of each frame under a key that some frames have; they may share one. None: no frame has it.
+
+        Raises:
+            DataError: a file does not exist.
+        """
+        files = self._found(key, [t for t, frame in enumerate(self.frames) if frame.get(key) is not None])
+        return [files.get(t) for t in range(len(self.frames))] if files else None
+
+    def _found(self, key: str, frames: Iterable[int]) -> dict[int, Path]:
+        names = {t: read_path(self.frames[t].get(key), key, self.where(t)) for t in frames}
+        found = {t: _find(self.path.parent / name) for t, name in names.items()}
+        missing = [names[t] for t, file in found.items() if file is None]
         if missing:
             raise DataError(
                 f"{self.path}: {missing[0][:200]!r} does not exist, and {len(missing)} of {len(names)} files of "
                 f"{key!r} are missing (also with {' '.join(_EXTENSIONS)}); add them, or remove their frames"
             )
-        first: dict[Path, int] = {}
-        for t, file in enumerate(files := [file for file in found if file]):
-            if first.setdefault(file, t) != t and not shared:
-                raise DataError(
-                    f"{self.path}: frames {first[file]} and {t} share the {key!r} {names[t]!r}; remove one of them"
-                )
-        return files
+        return {t: file for t, file in found.items() if file}
 
 
 def read_transforms(path: Path, *, strict: bool = False) -> Transforms:

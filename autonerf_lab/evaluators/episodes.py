@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from autonerf_lab.classes import CLASS_NAMES
-from autonerf_lab.data.episodes import Episode, Vector
+from autonerf_lab.data.episodes import Episode, Vector, scene_name
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.geometry import Intrinsics, cell_to_world, planar_pose
@@ -26,6 +26,7 @@ from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.planning import LocalPolicy, travel_distance, weighted_success
 from autonerf_lab.scenes.class_aliases import class_of
+from autonerf_lab.scenes.import_report import STOREY
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action, Observation, Score
@@ -34,6 +35,7 @@ STOP = len(Action)
 SUCCESS_DISTANCE = {"pointnav": 0.2, "objectnav": 0.1}  # metres
 MAX_STEPS = 500
 _SNAP = 0.5  # metres, largest distance of a start or goal to the navigable floor
+_LEVEL = 0.5  # metres, largest height of a start or goal above or below the floor of the robot
 _SIGHT = 1.0  # metres between a view point and the box of its object
 _NEAR = 1.0  # metres, least length of a sampled shortest path
 
@@ -162,14 +164,14 @@ def evaluate_episodes(
 
     Returns:
         Rows ``success`` and ``spl`` in percent, ``distance_to_goal`` in metres. ``scores.artifacts["episodes"]`` holds
-        the values of each episode. Episodes whose start or goal is not on the navigable floor, or whose class is not
-        known, are left out, and counted in the status.
+        the values of each episode. Episodes whose start or goal is not on the navigable floor or on another floor of
+        the building, or whose class is not known, are left out, and counted in the status.
 
     Raises:
         DataError: no episode belongs to the scene, or the episodes are of both kinds.
         UnknownNameError: unknown policy.
     """
-    chosen = [episode for episode in episodes if episode.scene in (scene.name, "")]
+    chosen = [episode for episode in episodes if episode.scene in (scene_name(scene.name), "")]
     if not chosen:
         names = ", ".join(sorted({episode.scene for episode in episodes})[:10])
         raise DataError(f"no episode belongs to scene {scene.name!r}; the episodes have the scenes {names or 'none'}")
@@ -201,9 +203,14 @@ def _run(
 ) -> dict[str, Any]:
     x, y, heading = start_of(episode, sim.scene)
     ground = sim.navigation
-    goals = _snapped(sim, np.stack([to_scene(goal, sim.scene)[:2] for goal in episode.goals]))
-    starts = _snapped(sim, np.array([[x, y]]))
     row = {"episode_id": episode.episode_id, "status": "", "success": 0.0, "spl": 0.0, "distance_to_goal": np.nan}
+    positions = np.stack([to_scene(goal, sim.scene) for goal in episode.goals])
+    highest = STOREY if episode.category else _LEVEL  # without view points, a goal is the centre of an object
+    positions = positions[(positions[:, 2] > -_LEVEL) & (positions[:, 2] < highest)]
+    if not len(positions) or abs(to_scene(episode.start_position, sim.scene)[2]) > _LEVEL:
+        return row | {"status": "start or goal is on another floor of the building than the robot"}
+    goals = _snapped(sim, positions[:, :2])
+    starts = _snapped(sim, np.array([[x, y]]))
     if not len(goals) or not len(starts):
         return row | {"status": "start or goal is not on the navigable floor"}
     distance = travel_distance(ground.navigable, goals, ground.cell)

@@ -45,6 +45,8 @@ class ImportReport:
             found.append(f"the highest surface is {self.ceiling:.1f} m above the only floor; check the unit")
         if not self.classes and self.unknown:
             found.append("no name of an object stands for one of the 15 classes; map the names with --aliases")
+        elif not self.classes:
+            found.append("no object has a name: all surfaces are background; name the nodes, or add a semantics file")
         return found
 
     def __str__(self) -> str:

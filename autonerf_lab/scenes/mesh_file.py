@@ -108,11 +108,28 @@ def _glb_uris(path: Path) -> list[str]:
     for extension, way_out in UNSUPPORTED.items():
         if extension in extensions:
             raise SceneError(f"{path} uses {extension}, which is not supported; {way_out}")
+    _check_nodes(document.get("nodes", []))
     for accessor in document.get("accessors", []):
         if int(accessor.get("count", 0)) > 3 * MAX_FACES:
             raise ValueError(f"an accessor of {accessor['count']} elements")
     entries = [*document.get("buffers", []), *document.get("images", [])]
     return [e["uri"] for e in entries if "uri" in e and not str(e["uri"]).startswith("data:")]
+
+
+def _check_nodes(nodes: list[dict[str, Any]]) -> None:
+    """Raise ValueError if the nodes of a glTF document are no trees: loaders place the meshes of a cycle anywhere."""
+    parents: dict[int, int] = {}
+    for k, entry in enumerate(nodes):
+        for child in entry.get("children", []):
+            if parents.setdefault(child, k) != k:
+                raise ValueError(f"node {child} is a child of nodes {parents[child]} and {k}")
+    visits: dict[int, int] = {}  # node -> the node from which its ancestors were followed first
+    for start in parents:
+        node = start
+        while node in parents and node not in visits:
+            visits[node], node = start, parents[node]
+        if visits.get(node) == start:
+            raise ValueError(f"node {node} is its own ancestor")
 
 
 def _load(path: Path) -> list[dict[str, Any]]:

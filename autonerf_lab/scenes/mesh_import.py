@@ -84,7 +84,7 @@ def import_scene(
     uv, texture = build_atlas(path, parts)
     class_ids, instances, names, unknown = _semantics(path, parts, table)
     scene = Scene(
-        path.name.split(".")[0] if is_habitat_config(path) else path.stem,
+        Path(path.stem).stem if is_habitat_config(path) else path.stem,
         (vertices - offset).astype(np.float32),
         faces.astype(np.int32),
         class_ids.astype(np.uint8),

@@ -210,6 +210,7 @@ def change(path: str, old: str, new: str) -> Callable[[Path], None]:
         ("replica", lambda folder: (folder / "office0/results/frame000001.png").unlink(), r"frame000001\.jpg does not"),
         ("replica", change("cam_params.json", "2000.0", "0"), r"cam_params\.json: w, h, fx, fy and scale must be"),
         ("polycam", change("keyframes/corrected_cameras/1.json", '"fx": 10.0', '"fx": "x"'), r"1\.json: 'fx' must be"),
+        ("polycam", lambda folder: (folder / "keyframes/depth/2.png").unlink(), r"depth/2\.png does not exist, but"),
         ("record3d", lambda folder: (folder / "rgb/3.png").unlink(), r"has 4 poses, but rgb/ has 3 images"),
         ("colmap-text", change("sparse/0/cameras.txt", "PINHOLE", "FOV"), r"line 2: the camera model 'FOV' is not one"),
         ("colmap-text", change("sparse/0/cameras.txt", "1 PINHOLE", "2 PINHOLE"), r"has the camera 1, which does not"),
@@ -271,6 +272,43 @@ def test_masks_are_honoured(tmp_path: Path) -> None:
     assert data.masks is not None
     np.testing.assert_array_equal(data.masks[1], mask > 0)
     assert data.masks[0].all() and data.split(every=2)[0].masks is not None
+
+
+def test_a_frame_without_a_mask_is_used_as_a_whole(tmp_path: Path) -> None:
+    mask = np.zeros((H, W), np.uint8)
+    mask[:, :5] = 255
+    put(tmp_path / "mask.png", mask)
+    frames: list[dict] = [{"file_path": f"{t}.png", "transform_matrix": POSES[t].tolist()} for t in range(T)]
+    for t in range(T):
+        put(tmp_path / f"{t}.png", RGB[t])
+    frames[1]["mask_path"] = frames[2]["mask_path"] = "mask.png"
+    write(tmp_path / "transforms.json", json.dumps({"fl_x": 10, "frames": frames}))
+    data = load_dataset(tmp_path)
+    assert data.masks is not None and [int(used.sum()) for used in data.masks] == [W * H, 5 * H, 5 * H, W * H]
+    frames[3]["mask_path"] = "gone.png"
+    write(tmp_path / "transforms.json", json.dumps({"fl_x": 10, "frames": frames}))
+    with pytest.raises(DataError, match=r"'gone\.png' does not exist, and 1 of 3 files of 'mask_path' are missing"):
+        load_dataset(tmp_path)
+
+
+def test_split_files_keep_their_masks_and_lenses(tmp_path: Path) -> None:
+    write_blender(tmp_path)
+    mask = np.zeros((H, W), np.uint8)
+    mask[:, :5] = 255
+    put(tmp_path / "mask.png", mask)
+    changes: dict[str, dict] = {"train": {"mask_path": "mask.png"}, "test": {"is_fisheye": True, "k1": 0.3}}
+    for name, keys in changes.items():
+        content = json.loads((tmp_path / f"transforms_{name}.json").read_text())
+        for frame in content["frames"]:
+            frame.update(keys)
+        write(tmp_path / f"transforms_{name}.json", json.dumps(content))
+    data = load_dataset(tmp_path)
+    expected, inside = rectify(RGB[3], data.intrinsics[3], Fisheye(0.3))
+    assert data.masks is not None
+    for used, want in zip(data.masks, (mask > 0, mask > 0, mask >= 0, inside), strict=True):
+        np.testing.assert_array_equal(used, want)
+    np.testing.assert_array_equal(data.images[3], expected)
+    np.testing.assert_array_equal(data.images[2], RGB[2])
 
 
 def test_only_unmasked_pixels_are_sampled_and_scored() -> None:

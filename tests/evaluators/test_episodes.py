@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from autonerf_lab.evaluators.episodes import Goal, evaluate_episodes, sample_epi
 from autonerf_lab.scenes import Scene, import_scene
 
 FORWARD, LEFT, STOP = 0, 1, 3
+pytestmark = pytest.mark.filterwarnings("ignore:.*no object has a name:UserWarning")  # a room alone
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +91,35 @@ def test_episodes_that_cannot_be_run_are_counted(scene: Scene) -> None:
         evaluate_episodes("fast", episodes, scene)
 
 
+def test_episodes_of_another_floor_are_left_out(scene: Scene) -> None:
+    """Their x and y lie on the navigable floor, 3 m above which they begin or end."""
+    upstairs = replace(towards_x((3, 0, -2.5)), start_position=(1.0, 3.0, -2.5))
+    beds = replace(towards_x((3, 3, -2.5), "bed"), goals=((3, 3, -2.5), (4, 0, -2.5)))
+    for episodes, count in (([upstairs, towards_x((3, 3, -2.5)), towards_x((3, 0, -2.5))], 1), ([beds], 1)):
+        scores = evaluate_episodes(Script(*[FORWARD] * 12), episodes, scene, size=8, progress=False)
+        assert scores[0].n == count
+    assert scores[0].value == 100, "the bed on the robot's floor, not the one above"
+    left_out = evaluate_episodes(Script(), [upstairs], scene, size=8, progress=False)[0]
+    assert left_out.value is None and "1 episodes left out: start or goal is on another floor" in left_out.status
+
+
+def test_episodes_find_their_scene_by_its_file(tmp_path: Path) -> None:
+    for file in ("TEE.basis.glb", "home.v2.glb"):
+        scene = import_scene(write_glb(tmp_path / file, room()), up="z")
+        episode = replace(towards_x((3, 0, -2.5)), scene_id=f"hm3d/val/{file}")
+        assert evaluate_episodes(Script(), [episode], scene, size=8, progress=False)[0].n == 1
+        made = read_episodes(write_episodes(sample_episodes(scene, 1), tmp_path / "e.json"))
+        assert evaluate_episodes(Script(), made, scene, size=8, progress=False)[0].n == 1
+
+
+def test_a_file_that_refers_to_those_of_the_scenes(tmp_path: Path) -> None:
+    """``val.json.gz`` of HM3D is empty: each scene has a file of its own."""
+    (tmp_path / "content").mkdir()
+    (tmp_path / "val.json.gz").write_bytes(gzip.compress(b'{"episodes": []}'))
+    with pytest.raises(DataError, match=r"val\.json\.gz holds no episodes; give .*content/SCENE\.json\.gz"):
+        read_episodes(tmp_path / "val.json.gz")
+
+
 @pytest.mark.parametrize("name", ["e.json.gz", "e.json"])
 def test_sampled_episodes_survive_a_file(tmp_path: Path, name: str) -> None:
     chair = block((0.5, 0.5, 0.9), (4, 2, 0), (9, 9, 9))
@@ -107,6 +138,12 @@ def test_sampled_episodes_survive_a_file(tmp_path: Path, name: str) -> None:
     content = json.loads(gzip.decompress((tmp_path / name).read_bytes()) if name.endswith("gz") else
                          (tmp_path / name).read_bytes())  # fmt: skip
     assert list(content["goals_by_category"]) == ["room_chair"] and content["episodes"][0]["goals"] == []
+    # habitat-lab refuses a file of ObjectNav without these
+    assert (
+        content["category_to_task_category_id"] == content["category_to_scene_annotation_category_id"] == {"chair": 0}
+    )
+    (goal,) = content["goals_by_category"]["room_chair"]
+    assert goal["object_id"] is not None and set(goal["view_points"][0]) == {"agent_state", "iou"}
 
 
 def test_a_file_of_habitat_is_read(tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from autonerf_lab.pipeline.context import find_scene
 from autonerf_lab.scenes import Scene, import_scene
 from autonerf_lab.scenes.class_aliases import class_of
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*no object has a name:UserWarning")  # rooms alone
+
 
 def boxes(scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return lowest corner and size of each object in the frame of the file, z up."""
@@ -80,6 +82,21 @@ def test_a_configuration_may_be_derived_in_the_dataset(tmp_path: Path) -> None:
     assert np.allclose(np.ptp(import_scene(path).bounds, axis=0), (12, 10, 2.5), atol=1e-5)
 
 
+def test_a_template_may_be_named_by_a_part_of_its_name(tmp_path: Path) -> None:
+    """As in habitat-sim, whose own test scenes do so: the first name in the alphabet that contains the text."""
+    path = make_dataset(tmp_path)
+    whole = import_scene(path)
+    edit(path, lambda content: content["object_instances"][1].update(template_name="CABINET"))
+    assert np.allclose(import_scene(path).bounds, whole.bounds)
+    derived = [
+        {"template_handle": f"room_{name}", "original_file": "configs/stages/room.stage_config.json"} for name in "ba"
+    ]
+    derived[0]["attributes"] = {"scale": [3, 3, 1]}  # type: ignore[assignment]
+    edit(tmp_path / "toy.scene_dataset_config.json", lambda content: content["stages"].update(configs=derived))
+    edit(path, lambda content: content["stage_instance"].update(template_name="oom_"))
+    assert np.allclose(import_scene(path).bounds, whole.bounds)
+
+
 def test_up_and_front_of_a_stage(tmp_path: Path) -> None:
     """A room with z up under a configuration that calls -z up: the ceiling becomes the floor."""
     write_glb(tmp_path / "room.glb", room(), block((1, 1, 1), (1, 1, 0), (9, 9, 9)))
@@ -105,7 +122,9 @@ SCENE, CHAIR = "configs/scenes/home.scene_instance.json", "configs/objects/8d3f.
         (CHAIR, {"units_to_meters": 0.01}, r"differ in 'units_to_meters': 1 .*0\.01"),
         (CHAIR, {"render_asset": "gone.glb"}, r"object_instances\[0\]: 'render_asset'"),
         (CHAIR, {"render_asset": "../../../a.glb"}, r"is outside"),
-        (CHAIR, {"render_asset": "8d3f.object_config.json"}, r"only \.glb, \.obj"),
+        (CHAIR, {"render_asset": "8d3f.object_config.json"}, r"object_instances\[0\]: 'render_asset' .*is not a mesh"),
+        (CHAIR, {"render_asset": "../scenes/home.scene_instance.json"}, r"\[0\]: 'render_asset' .*is not a mesh"),
+        (SCENE, {"template_name": "home.scene_instance.json"}, r"stage_instance: 'home\.scene_instance\.json' is not"),
         (CHAIR, {"up": [0, 1, 0], "front": [0, 1, 0]}, r"must be orthogonal"),
         ("configs/stages/room.stage_config.json", {"render_asset": None}, r"room\.stage_config\.json is not as"),
         ("toy.scene_dataset_config.json", {"paths": {".json": ["../.."]}}, r"'paths': '\.\./\.\.' is outside"),
@@ -133,6 +152,47 @@ def test_the_axis_that_points_up_is_found(tmp_path: Path) -> None:
     assert np.allclose(np.ptp(forced.bounds, axis=0), (6, 2.5, 5), atol=1e-5)
 
 
+def test_a_stage_with_negative_units_is_refused(tmp_path: Path) -> None:
+    make_dataset(tmp_path)
+    path = tmp_path / "configs/stages/room.stage_config.json"
+    edit(path, lambda content: content.update(units_to_meters=-1))
+    with pytest.raises(SceneError, match=r"room\.stage_config\.json: 'units_to_meters' .*mirrored"):
+        import_scene(path)
+
+
+@pytest.mark.filterwarnings("default:.*no object has a name")
+def test_a_scene_in_which_nothing_is_named_is_a_warning(tmp_path: Path) -> None:
+    with pytest.warns(UserWarning, match="no object has a name: all surfaces are background"):
+        scene = import_scene(write_glb(tmp_path / "room.glb", room()))
+    assert "warning:     no object has a name" in str(scene.import_report)
+
+
+def change_json(path: Path, change: Callable[[Any], None]) -> None:
+    """Change the JSON chunk of a GLB file."""
+    data = path.read_bytes()
+    length = int.from_bytes(data[12:16], "little")
+    content = json.loads(data[20 : 20 + length])
+    change(content)
+    head = json.dumps(content).encode()
+    path.write_bytes(data[:12] + len(head).to_bytes(4, "little") + data[16:20] + head + data[20 + length :])
+
+
+def test_nodes_that_are_no_trees_are_refused(tmp_path: Path) -> None:
+    meshes = room(), block((1, 1, 1), (1, 1, 0), (9, 9, 9)), block((1, 1, 1), (3, 1, 0), (9, 9, 9))
+
+    def children(**of: list[int]) -> Callable[[Any], None]:
+        return lambda content: [content["nodes"][int(k[1:])].update(children=v) for k, v in of.items()]  # type: ignore[func-returns-value]
+
+    for change, message in (
+        (children(n1=[2], n2=[1]), "node [12] is its own ancestor"),
+        (children(n2=[2]), "node 2 is its own ancestor"),
+        (children(n0=[2], n1=[2]), "node 2 is a child of nodes 0 and 1"),
+    ):
+        change_json(write_glb(tmp_path / "a.glb", *meshes), change)
+        with pytest.raises(SceneError, match=rf"a\.glb .*{message}"):
+            import_scene(tmp_path / "a.glb")
+
+
 def test_an_implausible_unit_is_a_warning(tmp_path: Path) -> None:
     small = room()
     small.apply_scale(0.25)
@@ -140,7 +200,7 @@ def test_an_implausible_unit_is_a_warning(tmp_path: Path) -> None:
         scene = import_scene(write_glb(tmp_path / "small.glb", small))
     texts = [str(warning.message) for warning in caught]
     assert any("floor has only 1.9 m2" in text for text in texts) and any("only 0.62 m above" in text for text in texts)
-    assert scene.import_report is not None and str(scene.import_report).count("warning:") == 2
+    assert scene.import_report is not None and str(scene.import_report).count("warning:") == 3
 
 
 def annotated(folder: Path) -> Path:
@@ -193,10 +253,7 @@ def test_damaged_annotations_are_refused(tmp_path: Path, line: str, message: str
 @pytest.mark.parametrize("extension", ["KHR_texture_basisu", "KHR_draco_mesh_compression"])
 def test_compressed_files_are_refused_with_the_way_out(tmp_path: Path, extension: str) -> None:
     path = write_glb(tmp_path / "basis.glb", room())
-    data = path.read_bytes()
-    length = int.from_bytes(data[12:16], "little")
-    head = json.dumps({**json.loads(data[20 : 20 + length]), "extensionsUsed": [extension]}).encode()
-    path.write_bytes(data[:12] + len(head).to_bytes(4, "little") + data[16:20] + head + data[20 + length :])
+    change_json(path, lambda content: content.update(extensionsUsed=[extension]))
     with pytest.raises(SceneError, match=rf"basis\.glb uses {extension}, which is not supported; .*gltf-transform"):
         import_scene(path)
 

@@ -12,7 +12,10 @@ from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.scenes import generate_apartment, import_scene, top_view
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*the highest surface is only 0.00 m:UserWarning")  # floors alone
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*the highest surface is only 0.00 m:UserWarning"),  # floors alone
+    pytest.mark.filterwarnings("ignore:.*no object has a name:UserWarning"),
+]
 
 
 def test_repeated_texture(tmp_path: Path) -> None:

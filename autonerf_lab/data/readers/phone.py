@@ -35,14 +35,14 @@ def read_polycam(folder: Path) -> PosedFrames:
         pose[:3] = [[values[key] for key in row] for row in _ROWS]
         poses.append(read_pose((Y_UP @ pose).tolist(), path))
         files.append(_existing(keyframes / f"{kind}images/{path.stem}.jpg", path))
-        depths.append(keyframes / f"depth/{path.stem}.png")
+        if (keyframes / "depth").is_dir():  # phones without a depth sensor have none
+            depths.append(_existing(keyframes / f"depth/{path.stem}.png", path))
         size = int(values["width"]), int(values["height"])
         focal, center = (values["fx"], values["fy"]), (values["cx"], values["cy"])
         cameras.append(_camera(size, focal, center, path, files[-1]))
     if not files:
         raise DataError(f"{keyframes / f'{kind}cameras'} holds no *.json")
-    whole = [*depths] if all(depth.is_file() for depth in depths) else None
-    return PosedFrames(folder, np.stack(poses), files, cameras, {"format": "Polycam"}, True, whole)
+    return PosedFrames(folder, np.stack(poses), files, cameras, {"format": "Polycam"}, True, depths or None)
 
 
 class _Metadata(msgspec.Struct):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,9 +30,6 @@ def read_transforms_json(path: Path) -> PosedFrames:
         for key in ("depth", "semantics", "confidence")
         if all(frame.get(f"{key}_file_path") is not None for frame in frames)
     }
-    masks: list[Path | None] | None = None
-    if all(frame.get("mask_path") is not None for frame in frames):
-        masks = [*data.files("mask_path", shared=True)]
     cameras, rotated, lenses = [], [], []
     for t, (frame, file) in enumerate(zip(frames, files, strict=True)):
         lens, shared, own = _fisheye(content, frame, data.where(t))
@@ -49,7 +47,7 @@ def read_transforms_json(path: Path) -> PosedFrames:
         layers.get("depth"),
         semantics=layers.get("semantics"),
         confidences=layers.get("confidence"),
-        masks=masks,
+        masks=data.optional_files("mask_path"),
         rotated=rotated,
         lenses=lenses if any(lenses) else None,
         pose_source=source,
@@ -66,17 +64,26 @@ def read_blender(folder: Path) -> PosedFrames:
     }
     first = next(iter(parts.values()))
     meta = {f"{name}_filenames": [f.relative_to(folder).as_posix() for f in part.files] for name, part in parts.items()}
+
+    def joined(layer: str, optional: bool = False) -> list[Any] | None:
+        """Return a list of all frames; ``optional``: None in the frames of a file without it, else all must have it."""
+        found = [(getattr(part, layer), len(part.files)) for part in parts.values()]
+        if all(values is None for values, _ in found) or not (optional or all(values for values, _ in found)):
+            return None
+        return [value for values, count in found for value in values or [None] * count]
+
     return replace(
         first,
         poses=np.concatenate([part.poses for part in parts.values()]),
         files=[file for part in parts.values() for file in part.files],
         cameras=[camera for part in parts.values() for camera in part.cameras],
-        rotated=[turn for part in parts.values() for turn in part.rotated or ()],
+        rotated=joined("rotated"),
         meta=first.meta | meta,
-        depths=None,
-        semantics=None,
-        masks=None,
-        lenses=None,
+        depths=joined("depths"),
+        semantics=joined("semantics"),
+        confidences=joined("confidences"),
+        masks=joined("masks", optional=True),
+        lenses=joined("lenses", optional=True),
     )
 
 

@@ -16,7 +16,7 @@ from autonerf_lab.scenes.class_aliases import plain_name
 from autonerf_lab.scenes.habitat import hm3d
 from autonerf_lab.scenes.habitat.dataset import HabitatDataset, open_dataset, read_record
 from autonerf_lab.scenes.habitat.records import DATASET, OBJECT, SCENE, STAGE, Asset, Placement, SceneInstance
-from autonerf_lab.scenes.mesh_file import MAX_FACES, load_parts
+from autonerf_lab.scenes.mesh_file import FORMATS, MAX_FACES, load_parts
 
 MAX_OBJECTS = 20_000
 _MAX_NUMBER = 1e4
@@ -57,7 +57,7 @@ def load_config(path: Path) -> tuple[list[dict[str, Any]], str, dict[str, int]]:
         return _load_scene(path, dataset)
     asset = dataset.read_asset(path)
     parts, reason = _load_asset(dataset, asset, path.parent.absolute(), str(path), path.name.endswith(STAGE))
-    scale = _positive(asset.scale, str(path), "scale") * asset.units_to_meters
+    scale = _scale(asset, str(path))
     for part in parts:
         part["vertices"] = part["vertices"] * scale @ part.pop("frame").T
     return parts, reason, {}
@@ -106,6 +106,9 @@ def _load_asset(
     file = dataset.inside(folder, asset.render_asset, f"{where}: 'render_asset'")
     if not file.is_file():
         raise SceneError(f"{where}: 'render_asset' {asset.render_asset[:120]!r} does not exist in {folder}")
+    if file.suffix.lower() not in FORMATS:  # such as a configuration, which could contain itself
+        formats = ", ".join(sorted(FORMATS))
+        raise SceneError(f"{where}: 'render_asset' {asset.render_asset[:120]!r} is not a mesh ({formats})")
     parts = load_parts(file)
     if is_stage:
         hm3d.add_labels(file, parts)
@@ -136,9 +139,8 @@ def _place(
     parts: list[dict[str, Any]], asset: Asset, placement: Placement, by_com: bool, where: str
 ) -> list[dict[str, Any]]:
     """Return copies of the parts of an asset at the position of an instance."""
-    scale = _positive(asset.scale, where, "scale") * asset.units_to_meters
-    scale = scale * _positive(placement.non_uniform_scale, where, "non_uniform_scale") * placement.uniform_scale
-    _positive(tuple(scale), where, "uniform_scale")
+    scale = _scale(asset, where) * _positive(placement.non_uniform_scale, where, "non_uniform_scale")
+    scale = scale * _positive((placement.uniform_scale,), where, "uniform_scale")
     w, x, y, z = _vector(placement.rotation, where, "rotation")
     if abs(np.linalg.norm([w, x, y, z]) - 1) > 0.01:
         raise SceneError(f"{where}: 'rotation' must be a unit quaternion w x y z, not {list(placement.rotation)}")
@@ -158,6 +160,11 @@ def _place(
     ]
 
 
+def _scale(asset: Asset, where: str) -> np.ndarray:
+    """Return the (3,) factors from the units of an asset to metres."""
+    return _positive(asset.scale, where, "scale") * _positive((asset.units_to_meters,), where, "units_to_meters")
+
+
 def _vector(values: tuple[float, ...], where: str, key: str) -> np.ndarray:
     array = np.array(values, dtype=np.float64)
     if not (np.abs(array) < _MAX_NUMBER).all():
@@ -168,5 +175,6 @@ def _vector(values: tuple[float, ...], where: str, key: str) -> np.ndarray:
 def _positive(values: tuple[float, ...], where: str, key: str) -> np.ndarray:
     array = _vector(values, where, key)
     if (array <= 0).any():
-        raise SceneError(f"{where}: '{key}' must be positive, not {list(values)}: a mirrored transform is refused")
+        text = ", ".join(f"{value:g}" for value in values)
+        raise SceneError(f"{where}: '{key}' must be positive, not {text}: a mirrored transform is refused")
     return array

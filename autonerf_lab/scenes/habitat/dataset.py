@@ -60,22 +60,25 @@ class HabitatDataset:
 
         Args:
             group_name: ``stages`` or ``objects``.
-            name: ``template_name`` of a scene: a file of the dataset without its ending, or the last part of its path.
+            name: ``template_name`` of a scene: a configuration of the dataset, a file without its ending, or the last
+                part of its path; else, as in habitat-sim, a part of a name, of which the first in the alphabet counts.
             where: File and entry, for messages.
 
         Raises:
             SceneError: There is no such configuration, or it is damaged.
         """
         group: AssetGroup = getattr(self.content, group_name)
-        for entry in group.configs:
-            if entry.template_handle in (name, f"{name}{STAGE}", f"{name}{OBJECT}"):
-                return self._derived(group, entry, where)
-        table = self._stages if group_name == "stages" else self._objects
-        file = table.get(_key(name)) or table.get(_key(name).rpartition("/")[2])
-        if file is None:
+        known = self._stages if group_name == "stages" else self._objects
+        key = _key(name)
+        found = known.get(key) or known.get(key.rpartition("/")[2])
+        if found is None and key:
+            found = known.get(min((other for other in known if key.lower() in other.lower()), default=key))
+        if found is None:
             place = self.path or self.root
-            raise SceneError(f"{where}: {name[:120]!r} is not among the {len(table)} names of {group_name} in {place}")
-        return self.read_asset(file, group.default_attributes), file.parent
+            raise SceneError(f"{where}: {name[:120]!r} is not among the {len(known)} names of {group_name} in {place}")
+        if isinstance(found, DerivedAsset):
+            return self._derived(group, found, where)
+        return self.read_asset(found, group.default_attributes), found.parent
 
     def read_asset(self, file: Path, defaults: dict[str, Any] | None = None) -> Asset:
         """Read a stage or object configuration; a mesh file is a configuration with default values."""
@@ -123,17 +126,22 @@ class HabitatDataset:
         return found
 
     @cached_property
-    def _stages(self) -> dict[str, Path]:
+    def _stages(self) -> dict[str, Path | DerivedAsset]:
         return self._index(self.content.stages, STAGE)
 
     @cached_property
-    def _objects(self) -> dict[str, Path]:
+    def _objects(self) -> dict[str, Path | DerivedAsset]:
         return self._index(self.content.objects, OBJECT)
 
-    def _index(self, group: AssetGroup, ending: str) -> dict[str, Path]:
-        """Return the files of a group by their path in the dataset and by their name, both without the ending."""
-        files = [*self._files(group, ".glb"), *self._files(group, ending)]  # a configuration replaces its mesh
-        return {key: file for file in files for key in (_key(file.relative_to(self.root).as_posix()), _key(file.name))}
+    def _index(self, group: AssetGroup, ending: str) -> dict[str, Path | DerivedAsset]:
+        """Return the files of a group by their path in the dataset and by their name, both without the ending.
+
+        A configuration replaces its mesh, and one that the dataset defines itself replaces a file of its name.
+        """
+        found: dict[str, Path | DerivedAsset] = {}
+        for file in (*self._files(group, ".glb"), *self._files(group, ending)):
+            found |= {_key(file.relative_to(self.root).as_posix()): file, _key(file.name): file}
+        return found | {_key(entry.template_handle): entry for entry in group.configs if entry.template_handle}
 
     def _files(self, group: AssetGroup, ending: str) -> Iterator[Path]:
         """Yield the files of a group that have an ending, at most :data:`MAX_FILES`."""
