@@ -1,4 +1,4 @@
-"""Poses by COLMAP, with a stand-in for pycolmap that registers the photographs it is told to."""
+"""Poses by COLMAP: with a stand-in for pycolmap that registers what it is told to, and with pycolmap if installed."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
+from toy_photos import looking
 
+from autonerf_lab.data.dataset import load_dataset
 from autonerf_lab.errors import DataError, MissingPackageError
+from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.pipeline import colmap_poses
 
 
@@ -92,3 +96,42 @@ def test_too_few_photographs_and_a_missing_package(photographs: Path, tmp_path: 
     except ImportError:
         with pytest.raises(MissingPackageError, match=r"autonerf-lab\[colmap\]"):
             colmap_poses.estimate_poses(photographs, tmp_path / "work")
+
+
+def photograph(c2w: np.ndarray, camera: Intrinsics, tiles: np.ndarray) -> np.ndarray:
+    """Return the image of a wall at y = 3 and a floor at z = 0, with random tiles of 12.5 cm."""
+    u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    x, y = (u - camera.cx) / camera.fl_x, (v - camera.cy) / camera.fl_y
+    rays = np.dstack([x, -y, -np.ones_like(x)]) @ c2w[:3, :3].T
+    with np.errstate(divide="ignore"):
+        wall, floor = (3 - c2w[1, 3]) / rays[..., 1], -c2w[2, 3] / rays[..., 2]
+    on_wall = (wall > 0) & ((wall < floor) | (floor <= 0))
+    points = c2w[:3, 3] + np.where(on_wall, wall, floor)[..., None] * rays
+    column, row = (np.floor(points[..., k] * 8).astype(int) % 64 for k in (0, 2))
+    depth_row = np.floor(points[..., 1] * 8).astype(int) % 64
+    return tiles[on_wall.astype(int), np.where(on_wall, row, depth_row), column]
+
+
+@pytest.mark.slow
+def test_pycolmap_finds_the_poses_and_the_focal_length(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    rng = np.random.default_rng(0)
+    tiles = rng.integers(0, 256, (2, 64, 64, 3), dtype=np.uint8)
+    camera = Intrinsics.from_fov(256, 192, hfov_deg=70)
+    (tmp_path / "photos").mkdir()
+    eyes = [(x, 0.2 * np.sin(3 * x), 1.2 + 0.2 * np.cos(5 * x)) for x in np.linspace(-1, 1, 10)]
+    true = np.stack([looking(eye, (0.5 * eye[0], 3, 0.6)) for eye in eyes])
+    for t, c2w in enumerate(true):
+        Image.fromarray(photograph(c2w, camera, tiles)).save(tmp_path / f"photos/{t:02d}.png")
+    Image.fromarray(rng.integers(0, 256, (192, 256, 3), dtype=np.uint8)).save(tmp_path / "photos/noise.png")
+    with pytest.warns(UserWarning, match=r"1 of 11 photographs did not register: noise\.png; they are left out"):
+        model = colmap_poses.estimate_poses(tmp_path / "photos", tmp_path / "work", progress=False)
+    data = load_dataset(tmp_path / "photos", colmap=model)
+    assert data.names == [f"{t:02d}.png" for t in range(10)]
+    assert all(abs(found.fl_x / camera.fl_x - 1) < 0.02 for found in data.intrinsics)
+    found, expected = (poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0) for poses in (data.poses, true))
+    found *= np.linalg.norm(expected) / np.linalg.norm(found)  # COLMAP's scale and origin are arbitrary
+    rotation, _ = Rotation.align_vectors(expected, found)
+    assert np.abs(rotation.apply(found) - expected).max() < 0.02
+    turned = rotation.as_matrix() @ data.poses[:, :3, :3]
+    assert (Rotation.from_matrix(turned.transpose(0, 2, 1) @ true[:, :3, :3]).magnitude() < np.deg2rad(1)).all()
