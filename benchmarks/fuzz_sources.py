@@ -46,6 +46,11 @@ def _scenes(folder: Path) -> list[Entry]:
     for name in ("habitat/room.glb", "habitat/chair.glb", "hm3d/a.glb", "hm3d/a.semantic.glb"):
         _write(folder / name, glb)
     text = _write(folder / "hm3d/a.semantic.txt", 'HM3D Semantic Annotations\n1,010203,"wall",0\n2,FF0000,"sofa",1\n')
+    house = _write(folder / "mp3d/a.house", "ASCII 1.1\nC 0 1 sofa 10 sofa 0 0 0 0 0\nO 0 0 0  0 0 0  1 0 0\n")
+    _write(folder / "mp3d/a.glb", glb)
+    labelled = _write(folder / "mp3d/a_semantic.ply", "ply\nformat ascii 1.0\nelement vertex 4\n" + "".join(
+        f"property float {axis}\n" for axis in "xyz") + "element face 2\nproperty list uchar int vertex_indices\n"
+        "property int object_id\nend_header\n0 0 0\n6 0 0\n6 5 0\n0 5 0\n3 0 1 2 0\n3 0 2 3 0\n")  # fmt: skip
     stage = _write(folder / "habitat/room.stage_config.json", {"render_asset": "room.glb", "up": [0, 0, 1],
                                                               "front": [0, 1, 0], "units_to_meters": 1.0})  # fmt: skip
     chair = _write(folder / "habitat/chair.object_config.json", {"render_asset": "chair.glb", "scale": [0.1, 0.1, 0.1],
@@ -64,6 +69,8 @@ def _scenes(folder: Path) -> list[Entry]:
         *((f"habitat-{name}.json", file, lambda: import_scene(scene)) for name, file in files.items()),
         ("hm3d.semantic.txt", text, lambda: import_scene(folder / "hm3d/a.glb")),
         ("hm3d.semantic.glb", folder / "hm3d/a.semantic.glb", lambda: import_scene(folder / "hm3d/a.glb")),
+        ("mp3d.house", house, lambda: import_scene(folder / "mp3d/a.glb")),
+        ("mp3d_semantic.ply", labelled, lambda: import_scene(folder / "mp3d/a.glb")),
         ("aliases.json", aliases, lambda: read_aliases(aliases)),
     ]
 

@@ -34,8 +34,8 @@ def load_parts(path: Path) -> list[dict[str, Any]]:
 
     Returns:
         One entry per mesh: ``vertices`` (V, 3) float64 and ``faces`` (F, 3) int64 in the frame of the file; ``node``
-        and ``name``, of node and mesh; and ``image`` (H, W, 3) uint8 with ``uv`` (F, 3, 2), v down, or ``color``
-        (F, 3, 3).
+        and ``name``, of node and mesh; ``image`` (H, W, 3) uint8 with ``uv`` (F, 3, 2), v down, or ``color``
+        (F, 3, 3); and ``object_id`` (F,) int64 if the triangles of a PLY file have it.
 
     Raises:
         SceneError: The file has another format, is damaged, empty, too large, compressed in a way that is not
@@ -155,7 +155,7 @@ def _load(path: Path) -> list[dict[str, Any]]:
                 raise SceneError(f"a face of {str(name)[:60]!r} points to a vertex that does not exist")
             if np.linalg.det(matrix[:3, :3]) < 0:
                 faces = faces[:, ::-1]
-            appearance = _appearance(mesh, faces, images)
+            appearance = _appearance(mesh, faces, images) | _objects(mesh, faces)
             found.append({"vertices": vertices, "faces": faces, "node": str(node), "name": str(name), **appearance})
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error
@@ -166,6 +166,17 @@ def _load(path: Path) -> list[dict[str, Any]]:
     if not found:
         raise SceneError(f"{path} contains no triangles; point clouds cannot be imported")
     return found
+
+
+def _objects(mesh: Any, faces: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the property ``object_id`` of the triangles of a PLY file, if they have it."""
+    data = mesh.metadata.get("_ply_raw", {}).get("face", {}).get("data")
+    names = data.dtype.names or () if isinstance(data, np.ndarray) else data or ()
+    if data is None or "object_id" not in names:
+        return {}
+    numbers = np.asarray(data["object_id"]).ravel()
+    plain = len(numbers) == len(faces) and numbers.dtype.kind in "iu"  # else it has other polygons than triangles
+    return {"object_id": numbers.astype(np.int64)} if plain else {}
 
 
 def _pixels(image: Any, known: dict[Any, np.ndarray]) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Import of scanned or modelled apartments: meshes (GLB, OBJ, PLY) and the scenes of Habitat datasets.
 
 Semantics come from a semantics file beside the mesh (:mod:`autonerf_lab.scenes.semantics_file`), else from the files
-of HM3D (:mod:`autonerf_lab.scenes.habitat.hm3d`), else from the names of the nodes or objects, by the alias table
-(:mod:`autonerf_lab.scenes.class_aliases`). Faces without any are background.
+of HM3D (:mod:`autonerf_lab.scenes.habitat.hm3d`) or Matterport3D (:mod:`autonerf_lab.scenes.habitat.mp3d`), else from
+the names of the nodes or objects, by the alias table (:mod:`autonerf_lab.scenes.class_aliases`). Faces without any are
+background.
 """
 
 import warnings
@@ -18,7 +19,7 @@ import numpy as np
 from autonerf_lab.errors import SceneError
 from autonerf_lab.scenes.alignment import find_up, floor_offset, to_z_up
 from autonerf_lab.scenes.class_aliases import class_of, plain_name, read_aliases
-from autonerf_lab.scenes.habitat import hm3d, is_habitat_config, load_config
+from autonerf_lab.scenes.habitat import add_labels, is_habitat_config, load_config
 from autonerf_lab.scenes.import_report import make_report
 from autonerf_lab.scenes.mesh_file import MAX_FACES, load_parts
 from autonerf_lab.scenes.scene import Scene
@@ -72,7 +73,7 @@ def import_scene(
         return import_houseexpo(path)
     else:
         parts, reason = load_parts(path), f"{up}, as asked for" if up else ""
-        hm3d.add_labels(path, parts)
+        add_labels(path, parts)
     vertices = np.concatenate([p["vertices"] for p in parts])
     offsets = np.cumsum([0] + [len(p["vertices"]) for p in parts])
     faces = np.concatenate([p["faces"] + o for p, o in zip(parts, offsets, strict=False)])

@@ -10,7 +10,7 @@ from fuzz_sources import make_sources
 @pytest.mark.filterwarnings("ignore")
 def test_mutants_load_or_raise_an_error_of_the_package(tmp_path: Path) -> None:
     sources = make_sources(tmp_path)
-    assert len(sources) == 24
+    assert len(sources) == 26
     for entry in sources:
         entry[2]()  # the file is valid
         assert fuzz.attack(fuzz.Format(*entry), mutants=15, first=0, seed=1)["violations"] == 0, entry[0]

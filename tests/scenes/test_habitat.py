@@ -1,4 +1,4 @@
-"""Scenes of Habitat datasets: composites, frames, units, the semantics of HM3D, and what is refused."""
+"""Scenes of Habitat datasets: composites, frames, units, semantics of HM3D and Matterport3D, and what is refused."""
 
 import json
 from collections.abc import Callable
@@ -247,6 +247,73 @@ def test_damaged_annotations_are_refused(tmp_path: Path, line: str, message: str
     (tmp_path / "00800-abc.semantic.glb").unlink()
     text.write_text('HM3D Semantic Annotations\n1,010203,"wall",0\n')
     with pytest.raises(SceneError, match=r"needs the mesh 00800-abc\.semantic\.glb"):
+        import_scene(path)
+
+
+HOUSE = """ASCII 1.1
+H home label 0 0 0 0 0 3 3 1 0 1  0 0 0 0 0  0 0 0 6 5 2.5  0 0 0 0 0
+C 0 1 wall 1 wall 0 0 0 0 0
+C 1 156 coffee#table 5 table 0 0 0 0 0
+C 2 28 sofa 10 sofa 0 0 0 0 0
+O 0 0 0  0 0 0  1 0 0  0 1 0  1 1 1  0 0 0 0 0 0 0 0
+O 1 0 2  0 0 0  1 0 0  0 1 0  1 1 1  0 0 0 0 0 0 0 0
+O 2 0 1  0 0 0  1 0 0  0 1 0  1 1 1  0 0 0 0 0 0 0 0
+O 3 0 -1  0 0 0  1 0 0  0 1 0  1 1 1  0 0 0 0 0 0 0 0
+"""
+
+
+def matterport(folder: Path) -> Path:
+    """Write a room of Matterport3D with a sofa, a coffee table and a box of no category; return its path."""
+    low = {1: (1, 1, 0), 2: (4, 1, 0), 3: (4, 3, 0)}
+    meshes = [room(), *(block((1, 0.8, 0.6), at, (90, 90, 90)) for at in low.values())]
+    path = write_glb(folder / "17DRP5sb8fy.glb", *meshes)
+    (folder / "17DRP5sb8fy.house").write_text(HOUSE)
+    joined = trimesh.util.concatenate(meshes)
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(joined.vertices)}"]
+    lines += [f"property float {axis}" for axis in "xyz"] + [f"element face {len(joined.faces)}"]
+    lines += ["property list uchar int vertex_indices", "property int object_id", "end_header"]
+    lines += [" ".join(map(str, vertex)) for vertex in joined.vertices.tolist()]
+    lines += [f"3 {a} {b} {c} {k // 12}" for k, (a, b, c) in enumerate(joined.faces.tolist())]  # 12 triangles each
+    (folder / "17DRP5sb8fy_semantic.ply").write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_matterport_semantics(tmp_path: Path) -> None:
+    path = matterport(tmp_path)
+    scene = import_scene(path)
+    assert sorted((i.name, i.class_id) for i in scene.instances) == [("coffee table", 0), ("sofa", 2)]
+    sofa = next(i for i in scene.instances if i.class_id == 2)
+    assert np.allclose(sofa.size, (1, 0.8, 0.6), atol=1e-5) and (scene.face_instance == 0).sum() == 24
+    painted = import_scene(tmp_path / "17DRP5sb8fy_semantic.ply")
+    assert sorted((i.name, *i.center.round(5)) for i in painted.instances) == sorted(
+        (i.name, *i.center.round(5)) for i in scene.instances
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("ASCII 1.1", "ASCII 1.0", r"8fy\.house must begin with the line 'ASCII 1\.1'"),
+        ("O 1 0 2 ", "O 1 0 x ", r"house: line 7 is damaged: 'O 1 0 x"),
+        ("O 1 0 2 ", "O 1 0 9 ", r"house: line 7 has the category 9, which does not exist"),
+        ("C 0 1 wall 1", "C 0 \nC 8 1 wall 1", r"house: line 3 is damaged"),
+    ],
+)
+def test_damaged_houses_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = matterport(tmp_path)
+    (tmp_path / "17DRP5sb8fy.house").write_text(HOUSE.replace(old, new))
+    with pytest.raises(SceneError, match=message):
+        import_scene(path)
+
+
+def test_a_house_needs_the_objects_of_its_triangles(tmp_path: Path) -> None:
+    path = matterport(tmp_path)
+    mesh = tmp_path / "17DRP5sb8fy_semantic.ply"
+    mesh.write_text(mesh.read_text().replace("object_id", "segment_id"))
+    with pytest.raises(SceneError, match=r"8fy_semantic\.ply has no property 'object_id'"):
+        import_scene(path)
+    mesh.unlink()
+    with pytest.raises(SceneError, match=r"8fy\.house needs the mesh 17DRP5sb8fy_semantic\.ply beside it"):
         import_scene(path)
 
 

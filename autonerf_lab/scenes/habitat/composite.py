@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from autonerf_lab.errors import SceneError
 from autonerf_lab.scenes.class_aliases import plain_name
-from autonerf_lab.scenes.habitat import hm3d
+from autonerf_lab.scenes.habitat import hm3d, mp3d
 from autonerf_lab.scenes.habitat.dataset import HabitatDataset, open_dataset, read_record
 from autonerf_lab.scenes.habitat.records import DATASET, OBJECT, SCENE, STAGE, Asset, Placement, SceneInstance
 from autonerf_lab.scenes.mesh_file import FORMATS, MAX_FACES, load_parts
@@ -61,6 +61,12 @@ def load_config(path: Path) -> tuple[list[dict[str, Any]], str, dict[str, int]]:
     for part in parts:
         part["vertices"] = part["vertices"] * scale @ part.pop("frame").T
     return parts, reason, {}
+
+
+def add_labels(path: Path, parts: list[dict[str, Any]]) -> None:
+    """Add the objects of the files of HM3D or Matterport3D beside a mesh to its parts, if there are any."""
+    hm3d.add_labels(path, parts)
+    mp3d.add_labels(path, parts)
 
 
 def _load_scene(path: Path, dataset: HabitatDataset) -> tuple[list[dict[str, Any]], str, dict[str, int]]:
@@ -111,7 +117,7 @@ def _load_asset(
         raise SceneError(f"{where}: 'render_asset' {asset.render_asset[:120]!r} is not a mesh ({formats})")
     parts = load_parts(file)
     if is_stage:
-        hm3d.add_labels(file, parts)
+        add_labels(file, parts)
     up, front = _Z_UP if is_stage and file.suffix.lower() == ".glb" else _Y_UP
     source = "the default of Habitat for a .glb stage" if up is _Z_UP[0] else "the default of Habitat"
     if asset.up is not None:

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from autonerf_lab.errors import DataError, SceneError
+from autonerf_lab.scenes.habitat.transfer import nearest_objects
 from autonerf_lab.scenes.mesh_file import load_parts
 from autonerf_lab.utils.storage import read_bytes
 
 HEADER = "HM3D Semantic Annotations"
 MAX_BYTES = 16 * 2**20
 _LINE = re.compile(r'\s*(\d{1,9})\s*,\s*([0-9A-Fa-f]{6})\s*,\s*"([^"]{0,200})"\s*,\s*(-?\d{1,9})\s*')
-_NEAR = 0.05  # metres between the centres of a triangle and the semantic triangle that labels it
 
 
 def read_annotations(path: Path) -> dict[int, tuple[int, str]]:
@@ -71,7 +71,7 @@ def add_labels(path: Path, parts: list[dict[str, Any]]) -> None:
         raise SceneError(f"{text} needs the mesh {mesh.name} beside it, which shows the objects by their colours")
     ids = [_object_ids(part, annotations) for part in painted]
     if painted is not parts:
-        ids = _transfer(parts, painted, ids)
+        ids = nearest_objects(parts, painted, ids)
     labels = {0: "unknown", **dict(annotations.values())}
     for part, of_face in zip(parts, ids, strict=True):
         part |= {"face_labels": of_face, "labels": labels}
@@ -88,18 +88,3 @@ def _object_ids(part: dict[str, Any], annotations: dict[int, tuple[int, str]]) -
         rgb = part["color"][:, 0].astype(np.int64)
     colors, inverse = np.unique(rgb[:, 0] << 16 | rgb[:, 1] << 8 | rgb[:, 2], return_inverse=True)
     return np.array([annotations.get(color, (0, ""))[0] for color in colors.tolist()])[inverse]
-
-
-def _transfer(parts: list[dict[str, Any]], painted: list[dict[str, Any]], ids: list[np.ndarray]) -> list[np.ndarray]:
-    """Return the object id of each face by the nearest semantic triangle, 0 if none is near."""
-    from scipy.spatial import cKDTree
-
-    def centres(mesh: list[dict[str, Any]]) -> np.ndarray:
-        points = np.concatenate([part["vertices"][part["faces"]].mean(axis=1) for part in mesh])
-        if not np.isfinite(points).all():
-            raise SceneError("a vertex of the mesh or of its semantic mesh is not a finite number")
-        return points
-
-    distance, nearest = cKDTree(centres(painted)).query(centres(parts), distance_upper_bound=_NEAR)
-    found = np.append(np.concatenate(ids), 0)[np.where(np.isfinite(distance), nearest, -1)]
-    return np.split(found, np.cumsum([len(part["faces"]) for part in parts])[:-1])
