@@ -87,7 +87,7 @@ def read_depth(file: Path, png_size: tuple[int, int] | None = None, unit: float 
     """
     array = _read_integers(file, png_size)
     if array.dtype.itemsize < 2:
-        raise DataError(f"{file} has 8 bits; depth must be a 16-bit PNG")
+        raise DataError(f"{file} must be a 16-bit PNG of depth, not of 8 bits")
     return array.astype(np.float32) / np.float32(round(1 / unit, 6))
 
 

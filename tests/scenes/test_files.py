@@ -204,6 +204,7 @@ def test_page_is_self_contained(tmp_path: Path) -> None:
     assert "/*" + "CORNERS" not in text and "/*" + "FACTS" not in text
 
 
+@pytest.mark.filterwarnings("ignore:.*no object has a name:UserWarning")
 def test_page_escapes_names(tmp_path: Path) -> None:
     room().export(tmp_path / "room.ply")
     scene = replace(import_scene(tmp_path / "room.ply", up="y"), name="</script><img src=x onerror=alert(1)>")
@@ -218,6 +219,7 @@ def room() -> trimesh.Trimesh:
     return mesh
 
 
+@pytest.mark.filterwarnings("ignore:.*no object has a name:UserWarning")
 @pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
 def test_vertex_coloured_room_is_imported(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"room.{suffix}"
