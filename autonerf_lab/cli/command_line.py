@@ -7,7 +7,8 @@ import contextlib
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -93,7 +94,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         parsed = tyro.cli(CommandLine, prog="autonerf-lab", args=arguments, config=_STYLE)
         debug = parsed.debug
-        with plugins.strict() if parsed.strict_plugins else contextlib.nullcontext():
+        with plugins.strict() if parsed.strict_plugins else contextlib.nullcontext(), _plain_warnings():
             parsed.command.run()
         sys.stdout.flush()  # a full disk is reported here, not by the interpreter at its end
     except AutoNerfError as error:
@@ -119,6 +120,25 @@ def run(arguments: Sequence[str]) -> int:
         print(f"error: cannot write the output of the command: {error.strerror}", file=sys.stderr)
         return 1
     return 0
+
+
+@contextlib.contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Show a warning of the package, a UserWarning, like an error: in one line, without the code that raised it."""
+    usual = warnings.formatwarning
+
+    def plain(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+    ) -> str:
+        if category is UserWarning:
+            return f"warning: {message}\n"
+        return usual(message, category, filename, lineno, line)
+
+    warnings.formatwarning = plain
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
 
 
 def _discard_output() -> None:

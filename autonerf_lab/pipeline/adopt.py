@@ -36,10 +36,14 @@ def adopt_trajectory(
         DataError: The trajectory is damaged, or was recorded in another scene.
         RunFolderError: ``out`` holds a run or other files.
     """
+    from autonerf_lab.scenes import scene_names
+
     trajectory = load_trajectory(folder)
     name = scene or trajectory.meta.get("scene")
     if not isinstance(name, str):
         raise DataError(f"{folder} does not name its scene; give it with --scene")
+    if scene is None and name not in scene_names():
+        raise DataError(f"{folder} was recorded in {name[:80]!r}, no scene of the library; give its file with --scene")
     loaded = find_scene(name)
     known = trajectory.meta.get("scene_sha256")
     if known != loaded.sha256:

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from autonerf_lab import __version__, cli, pipeline
 from autonerf_lab.errors import DataError
@@ -19,8 +20,11 @@ COMMANDS = (
     "play",
     "fit",
     "evaluate",
+    "episodes",
     "mesh",
     "report",
+    "export",
+    "adopt",
     "point-cloud",
     "video",
     "view",
@@ -169,3 +173,15 @@ def test_broken_pipe_is_not_an_error(arguments):
     command = f"{sys.executable} -m autonerf_lab.cli {arguments} | head -n 1"
     result = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     assert result.stderr == "" and result.stdout.count("\n") == 1
+
+
+def test_a_warning_is_one_line(tmp_path):
+    box = trimesh.creation.box((5, 4, 2.5))
+    box.invert()
+    box.export(tmp_path / "room.ply")
+    shown = run("scenes", "show", str(tmp_path / "room.ply"))
+    assert shown.returncode == 0
+    assert shown.stderr == (
+        f"warning: {tmp_path / 'room.ply'}: no object has a name: all surfaces are background; "
+        "name the nodes, or add a semantics file\n"
+    )

@@ -102,5 +102,9 @@ def test_a_saved_trajectory_becomes_a_run(tmp_path: Path) -> None:
     assert (run / "nerf/nerf.json").exists()
     with pytest.raises(RunFolderError, match="holds a finished run"):
         lab.adopt_trajectory(tmp_path / "saved", run, preset_name="smoke", model="instant-ngp")
+    trajectory.meta["scene"] = "scan"
+    trajectory.save(tmp_path / "of_a_scan")
+    with pytest.raises(DataError, match=r"recorded in 'scan', no scene of the library; give its file with --scene"):
+        lab.adopt_trajectory(tmp_path / "of_a_scan", tmp_path / "other")
     with pytest.raises(DataError, match="was recorded in another scene"):
         lab.adopt_trajectory(tmp_path / "saved", tmp_path / "other", scene="train-05")
