@@ -10,8 +10,6 @@ from . import rewards as rewards
 from . import segmentation as segmentation
 from . import viz as viz
 from .bundle_adjustment import refine_poses as refine_poses
-from .config import Preset as Preset
-from .config import preset as preset
 from .data.dataset import Dataset as Dataset
 from .data.dataset import load_dataset as load_dataset
 from .data.episodes import read_episodes as read_episodes
@@ -33,6 +31,8 @@ from .nerf import NeRF as NeRF
 from .nerf import fit as fit
 from .nerf import load_nerf as load_nerf
 from .pipeline.adopt import adopt_trajectory as adopt_trajectory
+from .presets import Preset as Preset
+from .presets import preset as preset
 from .scenes import Scene as Scene
 from .scenes import generate_apartment as generate_apartment
 from .scenes import import_scene as import_scene

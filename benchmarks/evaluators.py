@@ -21,11 +21,11 @@ from common.growth import spread_apartments
 from common.training import in_fresh_process
 from common.views import floor_area, scene_by_name
 
-from autonerf_lab.config import preset
 from autonerf_lab.evaluators import DEFAULT_TASKS, TrueField, evaluate
 from autonerf_lab.evaluators.ground_truth import true_map
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit, load_nerf
+from autonerf_lab.presets import preset
 from autonerf_lab.scenes import Scene, generate_apartment
 from autonerf_lab.scenes.generator import generate_spec
 from autonerf_lab.simulator import Simulator

@@ -43,13 +43,13 @@ from common.oracle_policy import OraclePolicy
 from common.training import in_fresh_process, set_threads
 
 from autonerf_lab.benchmark.statistics import Runs, difference, interval
-from autonerf_lab.config import preset
 from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage
 from autonerf_lab.evaluators.exploration import SENSOR, cached_visible_map
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.policies import POLICIES, Policy, load_policy, make_policy, weights_path, weights_sha256
 from autonerf_lab.policies.spec import make_interface
+from autonerf_lab.presets import preset
 from autonerf_lab.scenes import load_scene, scene_names
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import MapState

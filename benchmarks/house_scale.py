@@ -26,10 +26,10 @@ import numpy as np
 from common.output import write_csv
 from common.training import in_fresh_process
 
-from autonerf_lab.config import preset
 from autonerf_lab.evaluators import evaluate, export_mesh, extract_mesh, semantic_mesh
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit
+from autonerf_lab.presets import preset
 from autonerf_lab.scenes import Scene, generate_apartment, load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.utils.resources import peak_gb

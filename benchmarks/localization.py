@@ -25,8 +25,8 @@ from autonerf_lab.benchmark.statistics import interval
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.evaluators import METRICS
 from autonerf_lab.localization import ESTIMATORS
-from autonerf_lab.localization.alignment import trajectory_errors
 from autonerf_lab.localization.se2 import to_planar
+from autonerf_lab.localization.trajectory_alignment import trajectory_errors
 from autonerf_lab.scenes import scene_names
 from autonerf_lab.simulator.motion_noise import motion_noise
 

@@ -25,13 +25,13 @@ from common.output import write_csv
 import autonerf_lab as lab
 from autonerf_lab.benchmark.statistics import Interval, Runs, difference, interval
 from autonerf_lab.classes import CLASS_NAMES, NUM_CLASSES
-from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import Scores
 from autonerf_lab.evaluators.rendering import sample_test_poses
 from autonerf_lab.evaluators.segmentation import SegmentationErrors
 from autonerf_lab.pipeline import StageContext
 from autonerf_lab.pipeline.run_folder import load_run
+from autonerf_lab.presets import preset
 from autonerf_lab.scenes import scene_names
 from autonerf_lab.segmentation import make_segmenter
 from autonerf_lab.segmentation.metrics import class_scores, object_precision_recall

@@ -24,12 +24,12 @@ from common.output import mean_of
 from common.views import TRAIN_SEED, photographs
 
 from autonerf_lab.benchmark.paper import MAPS, PLANNING, POSE, RENDERING
-from autonerf_lab.config import preset
 from autonerf_lab.evaluators import Scores, evaluate, oracle_scores
 from autonerf_lab.evaluators.metrics import Metric
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit
 from autonerf_lab.policies import weights_sha256
+from autonerf_lab.presets import preset
 from autonerf_lab.scenes import load_scene, scene_names
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.utils import storage

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from autonerf_lab.config import Preset, preset
 from autonerf_lab.evaluators import DEFAULT_TASKS, METRICS, TrueField, evaluate
 from autonerf_lab.evaluators.mesh_metrics import normals
+from autonerf_lab.presets import Preset, preset
 from autonerf_lab.scenes import Scene, load_scene
 from autonerf_lab.simulator import Simulator
 

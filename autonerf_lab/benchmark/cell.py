@@ -15,11 +15,11 @@ from PIL import Image
 from autonerf_lab import pipeline
 from autonerf_lab.benchmark.grid import Cell, label
 from autonerf_lab.benchmark.results import OK, Outcome, Results, StageCost, load_results
-from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import Scores
 from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.pipeline.run_folder import load_run, locked
+from autonerf_lab.presets import preset
 from autonerf_lab.types import Score
 from autonerf_lab.utils import resources, storage
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from autonerf_lab.benchmark.grid import Grid, is_path, label
-from autonerf_lab.config import preset
+from autonerf_lab.presets import preset
 
 CONTENT_KEYS = ("weights", "scene_files", "sizes", "settings")  # parts of a fingerprint: name -> SHA-256
 LPIPS, POINTGOAL = "LPIPS", "PointGoal"  # weights used in the evaluation, not by a policy of the grid

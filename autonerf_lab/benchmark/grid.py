@@ -10,9 +10,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError, MissingPackageError, UnknownNameError, WrongTypeError
 from autonerf_lab.pipeline.context import SCAN_SUFFIXES
+from autonerf_lab.presets import preset
 from autonerf_lab.segmentation import segmenter_source
 
 PAPER_POLICIES = (

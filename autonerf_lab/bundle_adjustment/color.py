@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from autonerf_lab import config
+from autonerf_lab import presets
 from autonerf_lab.bundle_adjustment.adjustment import MEASURED, PLANAR, SHARED_NOISE, SPATIAL, Adjusted
 from autonerf_lab.bundle_adjustment.motion_prior import (
     chain_covariances,
@@ -23,7 +23,7 @@ MODEL = "semantic-nerfacto"
 
 
 def adjust_by_color(
-    data: Dataset, planar: bool, preset: str | config.Preset | None, steps: int | None, seed: int, progress: bool
+    data: Dataset, planar: bool, preset: str | presets.Preset | None, steps: int | None, seed: int, progress: bool
 ) -> Adjusted:
     """Train a field with ``refine_cameras``, and return its poses with their covariances.
 
@@ -38,7 +38,7 @@ def adjust_by_color(
         seed: random seed.
         progress: show a progress bar.
     """
-    name = config.preset(preset).name
+    name = presets.preset(preset).name
     settings = replace(model_spec(MODEL).settings_for(name), refine_cameras=True)
     nerf = fit(data, MODEL, name, settings=settings, steps=steps, seed=seed, progress=progress)
     axes = PLANAR if planar else SPATIAL

@@ -6,7 +6,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from autonerf_lab import config
+from autonerf_lab import presets
 from autonerf_lab.bundle_adjustment.adjustment import Adjusted, adjust
 from autonerf_lab.bundle_adjustment.color import adjust_by_color
 from autonerf_lab.bundle_adjustment.range_images import range_images
@@ -24,7 +24,7 @@ def refine_poses(
     views: Views,
     *,
     planar: bool | None = None,
-    preset: str | config.Preset | None = None,
+    preset: str | presets.Preset | None = None,
     steps: int | None = None,
     seed: int = 0,
     progress: bool = True,

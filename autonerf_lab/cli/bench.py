@@ -114,7 +114,7 @@ class BenchRunCommand:
 
     def _grid(self) -> "Grid":
         from autonerf_lab.benchmark.grid import CONDITIONS, Grid, load_grid
-        from autonerf_lab.config import preset
+        from autonerf_lab.presets import preset
 
         chosen: dict[str, Any] = {
             "policies": split_names(self.policies),

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from autonerf_lab.config import Preset
 from autonerf_lab.evaluators.ground_truth import TrueMap, true_map
 from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.maps import predict_states
@@ -16,6 +15,7 @@ from autonerf_lab.evaluators.navigation import add_floor
 from autonerf_lab.evaluators.oracle import TrueField
 from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_cells
+from autonerf_lab.presets import Preset
 
 if TYPE_CHECKING:
     import trimesh

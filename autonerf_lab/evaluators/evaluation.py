@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
-from autonerf_lab.config import Preset
-from autonerf_lab.config import preset as get_preset
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
@@ -31,6 +29,8 @@ from autonerf_lab.evaluators.task import Task
 from autonerf_lab.evaluators.tasks import DEFAULT_TASKS, TASKS, available, default_tasks, rows_of, run_task
 from autonerf_lab.evaluators.tsdf import fused_scores
 from autonerf_lab.nerf.field_frame import FieldFrame
+from autonerf_lab.presets import Preset
+from autonerf_lab.presets import preset as get_preset
 
 if TYPE_CHECKING:
     from autonerf_lab.scenes.scene import Scene

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from autonerf_lab.config import Preset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.coverage import area_under, coverage, visible_map
@@ -13,6 +12,7 @@ from autonerf_lab.evaluators.metrics import METRICS, metrics_of
 from autonerf_lab.exploration import MAP_SIZE
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import Mapper, empty_map, enlarged
+from autonerf_lab.presets import Preset
 from autonerf_lab.rewards import REWARDS
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator import Simulator

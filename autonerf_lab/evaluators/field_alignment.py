@@ -15,8 +15,8 @@ from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.geometry import Intrinsics
-from autonerf_lab.localization.alignment import align, motion_matrix
 from autonerf_lab.localization.se2 import to_planar
+from autonerf_lab.localization.trajectory_alignment import align, motion_matrix
 from autonerf_lab.types import Rendering
 
 

@@ -31,8 +31,8 @@ from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
 from autonerf_lab.geometry import Intrinsics, rotation_angle, so3_exp
 
 if TYPE_CHECKING:
-    from autonerf_lab.config import Preset
     from autonerf_lab.evaluators.context import EvaluationContext
+    from autonerf_lab.presets import Preset
 
 START_ROTATION_DEG = 5.0
 START_TRANSLATION_M = 0.05

@@ -37,8 +37,8 @@ from autonerf_lab.geometry import Intrinsics, planar_from_pose
 from autonerf_lab.segmentation.metrics import class_scores, confusion_matrix
 
 if TYPE_CHECKING:
-    from autonerf_lab.config import Preset
     from autonerf_lab.evaluators.context import EvaluationContext
+    from autonerf_lab.presets import Preset
     from autonerf_lab.simulator import Simulator
 
 _ROUNDING_MSE = (0.5 / 255) ** 2 / 3

@@ -22,8 +22,8 @@ from autonerf_lab.segmentation import TRUE, Segmentation, make_segmenter
 from autonerf_lab.segmentation.metrics import class_scores, confusion_matrix, object_precision_recall
 
 if TYPE_CHECKING:
-    from autonerf_lab.config import Preset
     from autonerf_lab.evaluators.context import EvaluationContext
+    from autonerf_lab.presets import Preset
     from autonerf_lab.simulator import Frame
 
 DISTANCES = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, np.inf)  # edges of the bins of depth, metres

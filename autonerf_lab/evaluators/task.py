@@ -9,8 +9,8 @@ from autonerf_lab.evaluators.metrics import Metric
 from autonerf_lab.utils.storage import is_disk_full
 
 if TYPE_CHECKING:
-    from autonerf_lab.config import Preset
     from autonerf_lab.evaluators.context import EvaluationContext
+    from autonerf_lab.presets import Preset
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Task 8, trajectory error: training poses against the true poses of the robot.
 
-The errors are those of :func:`autonerf_lab.localization.alignment.trajectory_errors`. The task runs by itself if a
-field was trained on other poses than the true ones.
+The errors are those of :func:`autonerf_lab.localization.trajectory_alignment.trajectory_errors`. The task runs by
+itself if a field was trained on other poses than the true ones.
 """
 
 from typing import TYPE_CHECKING
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from autonerf_lab.evaluators.field_alignment import AlignedField, true_poses
 from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
-from autonerf_lab.localization.alignment import align, trajectory_errors
 from autonerf_lab.localization.se2 import to_planar
+from autonerf_lab.localization.trajectory_alignment import align, trajectory_errors
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators.context import EvaluationContext

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from autonerf_lab.config import Preset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, MissingPackageError
 from autonerf_lab.evaluators.context import EvaluationContext
@@ -24,6 +23,7 @@ from autonerf_lab.evaluators.task import TaskResult
 from autonerf_lab.evaluators.tasks import run_task
 from autonerf_lab.geometry import OPENCV_AXES
 from autonerf_lab.mapping.semantic_map import FAR
+from autonerf_lab.presets import Preset
 
 if TYPE_CHECKING:
     import trimesh

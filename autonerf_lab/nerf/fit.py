@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from tqdm.auto import tqdm
 
-from autonerf_lab import config
+from autonerf_lab import presets
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
@@ -52,7 +52,7 @@ def learning_rate(share: float, settings: Settings) -> float:
 def fit(
     data: Trajectory | Dataset,
     model: str | ModelSpec = "semantic-nerfacto",
-    preset: str | config.Preset | None = None,
+    preset: str | presets.Preset | None = None,
     *,
     seed: int = 0,
     steps: int | None = None,
@@ -95,7 +95,7 @@ def fit(
     """
     check_device(device)
     spec = model_spec(model)
-    chosen = config.preset(preset)
+    chosen = presets.preset(preset)
     data = Dataset.from_trajectory(data) if isinstance(data, Trajectory) else data
     if settings is None:
         settings = spec.settings_for(chosen.name)

@@ -3,13 +3,13 @@
 import time
 from pathlib import Path
 
-from autonerf_lab.config import preset
 from autonerf_lab.data.trajectory import load_trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.pipeline.context import StageContext, find_scene, scene_source
 from autonerf_lab.pipeline.figures import draw_trajectory
 from autonerf_lab.pipeline.run_folder import RunConfig, locked, open_run
 from autonerf_lab.pipeline.stages import STAGE_FUNCTIONS
+from autonerf_lab.presets import preset
 from autonerf_lab.utils.resources import peak_gb
 
 

@@ -6,9 +6,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autonerf_lab.config import Preset, preset
 from autonerf_lab.errors import DataError
 from autonerf_lab.pipeline.run_folder import RunFolder
+from autonerf_lab.presets import Preset, preset
 
 if TYPE_CHECKING:
     from autonerf_lab.data.trajectory import Trajectory

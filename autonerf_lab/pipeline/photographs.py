@@ -12,7 +12,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from autonerf_lab import config
+from autonerf_lab import presets
 from autonerf_lab.data.dataset import load_dataset
 from autonerf_lab.data.readers import find_format
 from autonerf_lab.errors import RunFolderError, UnknownNameError
@@ -83,7 +83,7 @@ def fit_photographs(
 
     out = Path(out)
     model_spec(model)
-    config.preset(preset)
+    presets.preset(preset)
     if poses not in (None, "colmap"):
         raise UnknownNameError("source of poses", poses, ["colmap"])
     data = None if poses else load_dataset(folder)

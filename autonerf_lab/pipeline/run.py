@@ -5,11 +5,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.pipeline.context import StageContext, StageOptions, find_scene, scene_source
 from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, load_run, locked, open_run
 from autonerf_lab.pipeline.stages import STAGE_FUNCTIONS
+from autonerf_lab.presets import preset
 from autonerf_lab.segmentation import segmenter_source
 from autonerf_lab.utils.resources import peak_gb
 
@@ -113,7 +113,7 @@ def run_pipeline(
         out: Run folder.
         scene: Name in the scene library, or path of a specification or scan.
         policy: Name of a policy, path of its weights, or ``module:Class``.
-        preset_name: Name of a preset; None: see :func:`autonerf_lab.config.preset`.
+        preset_name: Name of a preset; None: see :func:`autonerf_lab.presets.preset`.
         seed: Random seed of the whole run.
         model: Name of a model; may be None if ``last`` is before ``fit``.
         last: Name of the last stage.

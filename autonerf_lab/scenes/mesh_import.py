@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from autonerf_lab.errors import SceneError
-from autonerf_lab.scenes.alignment import find_up, floor_offset, to_z_up
 from autonerf_lab.scenes.class_aliases import class_of, plain_name, read_aliases
 from autonerf_lab.scenes.habitat import add_labels, is_habitat_config, load_config
 from autonerf_lab.scenes.import_report import make_report
 from autonerf_lab.scenes.mesh_file import MAX_FACES, load_parts
+from autonerf_lab.scenes.mesh_orientation import find_up, floor_offset, to_z_up
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.semantics_file import read_semantics, semantics_path
 from autonerf_lab.scenes.texture_atlas import build_atlas

@@ -21,7 +21,7 @@ from autonerf_lab.types import Action, Observation
 from autonerf_lab.utils.plugins import named_errors
 
 if TYPE_CHECKING:
-    from autonerf_lab.config import Preset
+    from autonerf_lab.presets import Preset
 
 _COLLISION = 0.8  # share of a forward motion below which it counts as a collision (0.20 m of 0.25 m)
 CAST_FROM = 250_000  # triangles from which ray casting replaces rasterisation, whose cost grows with their number
@@ -157,7 +157,7 @@ class Simulator:
         """Create a simulator with the camera intrinsics and supersampling of a preset.
 
         Example:
-            >>> from autonerf_lab.config import preset
+            >>> from autonerf_lab.presets import preset
             >>> from autonerf_lab.scenes import load_scene
             >>> Simulator.from_preset(load_scene("train-00"), preset("smoke")).intrinsics.width
             48

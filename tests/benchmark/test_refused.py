@@ -13,9 +13,9 @@ from autonerf_lab.benchmark.fingerprint import grid_fingerprint
 from autonerf_lab.benchmark.grid import load_grid
 from autonerf_lab.benchmark.results import open_results
 from autonerf_lab.benchmark.results_table import load_results_table
-from autonerf_lab.config import PRESETS
 from autonerf_lab.errors import AutoNerfError, DataError, MissingPackageError, RunFolderError, UnknownNameError
 from autonerf_lab.evaluators import finetuning
+from autonerf_lab.presets import PRESETS
 
 
 @pytest.mark.parametrize(

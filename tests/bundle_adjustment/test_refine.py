@@ -17,8 +17,8 @@ from autonerf_lab.data.trajectory import Trajectory, load_trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, is_planar, planar_from_pose, planar_pose, rotation_angle
-from autonerf_lab.localization.alignment import trajectory_errors
 from autonerf_lab.localization.se2 import to_planar
+from autonerf_lab.localization.trajectory_alignment import trajectory_errors
 from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.simulator.motion_noise import MotionNoise

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from autonerf_lab.config import preset
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import exploration
 from autonerf_lab.evaluators.exploration import SUMMED, cached_visible_map, summed_rewards, trajectory_scores
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import empty_map, update
+from autonerf_lab.presets import preset
 from autonerf_lab.rewards import REWARDS
 from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator

@@ -9,7 +9,6 @@ import toy_scene
 import trimesh
 
 from autonerf_lab import cli
-from autonerf_lab.config import preset
 from autonerf_lab.envs.pointgoal import PointGoalEnv
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError
 from autonerf_lab.evaluators import Scores, finetuning
@@ -20,6 +19,7 @@ from autonerf_lab.policies.networks import GoalNetwork
 from autonerf_lab.policies.pointgoal import STOP
 from autonerf_lab.policies.spec import SPECS, make_network
 from autonerf_lab.policies.weights import read_meta, save_weights
+from autonerf_lab.presets import preset
 from autonerf_lab.training import shortest_path_expert
 from autonerf_lab.training.settings import POINTGOAL, settings_of
 from autonerf_lab.training.train import train_policy

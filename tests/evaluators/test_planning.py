@@ -10,7 +10,6 @@ import toy_scene
 from hand_map import hand_map
 
 from autonerf_lab.classes import CLASS_NAMES, NUM_CLASSES
-from autonerf_lab.config import preset
 from autonerf_lab.evaluators import TrueField
 from autonerf_lab.evaluators.ground_truth import true_map
 from autonerf_lab.evaluators.maps import CellState, predict_states
@@ -32,6 +31,7 @@ from autonerf_lab.evaluators.planning import (
 )
 from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_cells
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.presets import preset
 from autonerf_lab.simulator import Simulator
 
 

@@ -6,7 +6,6 @@ import pytest
 import toy_scene
 from installed_plugins import Site, install_example, run_example_tests
 
-from autonerf_lab.config import preset
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.evaluators import TASKS, Metric, Scores, Task, TaskResult, TrueField, available, evaluate
 from autonerf_lab.evaluators.conformance import check_run
@@ -15,6 +14,7 @@ from autonerf_lab.evaluators.tasks import metric_of, optional_tasks, run_task
 from autonerf_lab.pipeline.figures import draw_scores
 from autonerf_lab.pipeline.report import render
 from autonerf_lab.pipeline.run_folder import RunConfig, open_run
+from autonerf_lab.presets import preset
 from autonerf_lab.types import Score
 from autonerf_lab.utils.plugins import PluginWarning
 

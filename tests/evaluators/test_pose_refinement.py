@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import toy_scene
 
-from autonerf_lab.config import preset
 from autonerf_lab.evaluators import Rendering, TrueField
 from autonerf_lab.evaluators.pose_refinement import (
     PoseRefinementTask,
@@ -23,6 +22,7 @@ from autonerf_lab.evaluators.pose_refinement import (
 )
 from autonerf_lab.evaluators.rendering import sample_test_poses
 from autonerf_lab.geometry import Intrinsics, camera_rays, planar_pose, so3_exp
+from autonerf_lab.presets import preset
 from autonerf_lab.simulator import Simulator
 
 

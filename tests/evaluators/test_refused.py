@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import toy_scene
 
-from autonerf_lab.config import preset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import DEFAULT_TASKS, TASKS, Rendering, TrueField, evaluate, ground_truth
@@ -15,6 +14,7 @@ from autonerf_lab.evaluators.ground_truth import MapGrid, TrueMap
 from autonerf_lab.evaluators.planning import evaluate_planning, sample_episodes
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.nerf.field_frame import FieldFrame
+from autonerf_lab.presets import preset
 from autonerf_lab.simulator import Simulator
 
 CAMERA = Intrinsics.from_fov(16, 16)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from toy_scene import to_scene, two_rooms
 
-from autonerf_lab.config import preset
 from autonerf_lab.data.dataset import Dataset, load_dataset
 from autonerf_lab.data.trajectory import Trajectory, load_trajectory
 from autonerf_lab.errors import DataError
@@ -14,6 +13,7 @@ from autonerf_lab.evaluators import TrueField, evaluate
 from autonerf_lab.evaluators.fused_labels import FusedLabels
 from autonerf_lab.evaluators.rendering import sample_test_poses
 from autonerf_lab.exploration import explore
+from autonerf_lab.presets import preset
 from autonerf_lab.segmentation import NoisyLabels
 from autonerf_lab.segmentation.metrics import class_scores, confusion_matrix
 from autonerf_lab.simulator import Simulator

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import toy_scene
 
-from autonerf_lab.config import preset
 from autonerf_lab.evaluators import evaluate
+from autonerf_lab.presets import preset
 
 SHIFTS = (0.0, 0.01, 0.02, 0.05, 0.10)
 walls = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "walls.py"))

@@ -12,8 +12,8 @@ from autonerf_lab.exploration import explore, rollout
 from autonerf_lab.exploration.rollout import POSES
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.localization import ESTIMATORS, OdometryModel, PoseEstimator, estimate_poses
-from autonerf_lab.localization.alignment import trajectory_errors
 from autonerf_lab.localization.se2 import between, to_planar
+from autonerf_lab.localization.trajectory_alignment import trajectory_errors
 from autonerf_lab.mapping.semantic_map import Mapper, empty_map
 from autonerf_lab.policies.base import Policy
 from autonerf_lab.simulator import Simulator

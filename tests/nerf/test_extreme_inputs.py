@@ -11,7 +11,14 @@ import pytest
 import torch
 
 from autonerf_lab.nerf import rendering
-from autonerf_lab.nerf.kernels import distance_grid, fused, hash_encoding, proposals, ray_marching, volume_rendering
+from autonerf_lab.nerf.kernels import (
+    distance_grid,
+    hash_encoding,
+    hash_field,
+    proposals,
+    ray_marching,
+    volume_rendering,
+)
 from autonerf_lab.nerf.kernels.adam import SERIAL_SIZE, adam
 from autonerf_lab.nerf.kernels.tiling import TILE_RAYS
 from autonerf_lab.nerf.models import model_spec
@@ -110,14 +117,14 @@ def resampling(rng):
 def colours_and_classes(rng):
     """Sigmoid of the colours, and softmax and logarithm of the cross entropy."""
     n = TILE_RAYS
-    matrices = fused.FieldMatrices(*(np.zeros(shape, np.float32) for shape in [(4, 4)] * 8))
+    matrices = hash_field.FieldMatrices(*(np.zeros(shape, np.float32) for shape in [(4, 4)] * 8))
     matrices = matrices._replace(color_2=draw(rng, NETWORK, 4, 4), color_1=np.eye(4, dtype=np.float32))
     g, c0, c1, rgb, s0 = (np.zeros((4, n), np.float32) for _ in range(5))
-    fused._heads(matrices, np.eye(4, n, dtype=np.float32), np.eye(n, dtype=np.float32), n, g, c0, c1, rgb, s0)
+    hash_field._heads(matrices, np.eye(4, n, dtype=np.float32), np.eye(n, dtype=np.float32), n, g, c0, c1, rgb, s0)
     assert rgb[:3].min() >= 0 and rgb[:3].max() <= 1
     logits, d_logits = draw(rng, NETWORK, 16, n), np.empty((16, n), np.float32)
     labels, trust = rng.integers(-1, 17, n), draw(rng, TINY, n, signed=False)
-    entropy, _ = fused._cross_entropy(logits, labels, trust, 0, np.float32(1), d_logits)
+    entropy, _ = hash_field._cross_entropy(logits, labels, trust, 0, np.float32(1), d_logits)
     return rgb[:3], d_logits, np.float64([entropy])
 
 

@@ -22,14 +22,15 @@ import torch
 
 from autonerf_lab.nerf.encodings import HashGrid, spherical_harmonics
 from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, he_uniform
-from autonerf_lab.nerf.kernels import fused, volume_rendering
+from autonerf_lab.nerf.kernels import hash_field as kernels
+from autonerf_lab.nerf.kernels import volume_rendering
 from autonerf_lab.nerf.kernels.proposals import ProposalMatrices
 from autonerf_lab.nerf.kernels.tiling import CHUNKS, GEOMETRY, MAX_EXPONENT, TILE_RAYS, pad_rows
 from autonerf_lab.nerf.ray_batch import NO_DEPTH, NO_LABEL, Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import HashSettings
 
-Matrices = TypeVar("Matrices", fused.FieldMatrices, ProposalMatrices)
+Matrices = TypeVar("Matrices", kernels.FieldMatrices, ProposalMatrices)
 
 HARMONICS = 16  # spherical harmonics up to degree 3
 
@@ -100,7 +101,7 @@ class HashField:
         s, count = self.settings, len(rays)
         # A random colour behind the last bin: a field that stays transparent cannot fit it.
         background = rng.random((count, 3), dtype=np.float32)
-        scales = fused.Scales(
+        scales = kernels.Scales(
             squared_error=np.float32(1 / (3 * count)),
             cross_entropy=np.float32(s.semantic_weight / count),
             distortion=np.float32(s.distortion_weight / count),
@@ -136,7 +137,7 @@ class HashField:
         weights = np.empty_like(samples.starts)
         color, depth = np.empty((len(rays), 3), np.float32), np.empty(len(rays), np.float32)
         logits = np.empty((len(rays), len(self._values["semantic_1"])), np.float32)
-        fused.render_rays(
+        kernels.render_rays(
             self._matrices(), enc, self._ray_features(rays), samples.starts, samples.ends,
             np.float32(self.settings.min_weight), np.float32(self.settings.density_gain), weights, color, logits, depth,
         )  # fmt: skip
@@ -171,15 +172,15 @@ class HashField:
         zero = np.float32(0)
         turn, min_weight = np.float32(self.settings.turn), np.float32(self.settings.min_weight)
         gain = np.float32(self.settings.density_gain)
-        scales = fused.Scales(np.float32(1 / 3), zero, zero, turn, min_weight, zero, gain)
+        scales = kernels.Scales(np.float32(1 / 3), zero, zero, turn, min_weight, zero, gain)
         black = np.zeros((tiled, 3), np.float32)
         x, enc, d_features, _, color, _, _ = self._forward_backward(rays, samples, targets, black, scales, False)
         d_o, d_d = self._ray_gradient(rays, samples, x, enc, d_features, count)
         return ((color - target) ** 2).mean(axis=1)[:count], d_o, d_d
 
-    def _matrices(self, semantic: bool = True) -> fused.FieldMatrices:
+    def _matrices(self, semantic: bool = True) -> kernels.FieldMatrices:
         """Return the weight matrices; without ``semantic``, those of a field that has no semantic network."""
-        matrices = fused.FieldMatrices(*(self._values[name] for name in fused.FieldMatrices._fields))
+        matrices = kernels.FieldMatrices(*(self._values[name] for name in kernels.FieldMatrices._fields))
         if self._feature_weights is not None:  # columns of the first layer instead of features: the same products
             matrices = matrices._replace(density_0=matrices.density_0 * self._feature_weights)
         if semantic:
@@ -192,7 +193,7 @@ class HashField:
         samples: Samples,
         targets: Targets,
         background: np.ndarray,
-        scales: fused.Scales,
+        scales: kernels.Scales,
         learn: bool,
     ) -> tuple:
         """Run the training kernel on whole tiles of rays.
@@ -210,8 +211,8 @@ class HashField:
         color, sums = self._buffer("color", len(rays), 3), np.zeros((CHUNKS, 5))
         trust = np.ones(len(rays), np.float32) if targets.trust is None else targets.trust
         matrices = self._matrices(semantic=learn)  # pose refinement uses colours only
-        gradients = fused.FieldMatrices(*(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices))
-        fused.train_rays(
+        gradients = kernels.FieldMatrices(*(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices))
+        kernels.train_rays(
             matrices, transposed(matrices), gradients, enc, features, samples.starts, samples.ends,
             targets.color, targets.labels, trust, targets.depth, background, scales,
             surface_profile(self.settings), learn, d_features, weights, color, sums,
@@ -258,7 +259,7 @@ class HashField:
         for first in range(0, len(points), chunk):
             enc = self._encoder.points(points[first : first + chunk])
             g = np.empty((len(enc), GEOMETRY, enc.shape[2]), np.float32)
-            fused.geometry_features(self._matrices(), enc, g)
+            kernels.geometry_features(self._matrices(), enc, g)
             count = min(chunk, len(points) - first)
             out[first : first + count] = g.transpose(0, 2, 1).reshape(-1, GEOMETRY)[:count]
         return out

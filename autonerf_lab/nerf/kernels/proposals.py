@@ -48,7 +48,7 @@ def propose_backward(
 
     Args:
         matrices, enc, edges, weights, raw: as in :func:`propose`.
-        transposed, gradients: as in :func:`~autonerf_lab.nerf.kernels.fused.train_rays`.
+        transposed, gradients: as in :func:`~autonerf_lab.nerf.kernels.hash_field.train_rays`.
         fine_edges, fine_weights: (R, S + 1), (R, S) histogram that the proposal must bound.
         scale: factor of the loss, 1 / R included.
         losses: (CHUNKS,) float64, written.

@@ -1,4 +1,4 @@
-"""Fused training step and rendering: a tile of rays passes through the whole field while it sits in the cache.
+"""Fused training step and rendering of a hash field: a tile of rays passes through all of it while it is in the cache.
 
 A plain torch step writes every activation of 50,000 samples to memory and reads it back, several times. Here each
 thread takes a few rays at a time through density, heads, compositing, losses and the backward pass, and only gradients

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from autonerf_lab.localization.alignment import align, motion_matrix, trajectory_errors, transformed
 from autonerf_lab.localization.se2 import compose, to_matrices, to_planar
+from autonerf_lab.localization.trajectory_alignment import align, motion_matrix, trajectory_errors, transformed
 
 
 def spiral(count: int = 60) -> np.ndarray:
