@@ -172,8 +172,6 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
             "the model learns from depth (depth_weight is above 0), but the data has no depth; choose a model without "
             "it, such as semantic-nerfacto, or data with depth"
         )
-    if data.confidences is not None:  # sampled by class, wrong labels of rare classes would outvote the right ones
-        settings = replace(settings, rays_by_class=0.0)
     if settings.floor_weight and not drove_here(data):
         settings = replace(settings, floor_weight=0.0)
     if data.metric:

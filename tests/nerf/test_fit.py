@@ -262,20 +262,6 @@ def test_training_without_semantics(trajectory: Trajectory) -> None:
         field.semantics(np.zeros((1, 3)))
 
 
-def test_predicted_labels_are_not_sampled_by_class(trajectory: Trajectory) -> None:
-    """A point that is a cup in one image of ten would be sampled in this image more often."""
-    settings, shares = replace(SETTINGS_SMALL, steps=1, rays_by_class=0.2), []
-    predicted = replace(trajectory, confidence=np.full(trajectory.rgb.shape[:3], 200, np.uint8))
-    for data in (trajectory, predicted):
-        fit(
-            data,
-            settings=settings,
-            progress=False,
-            callback=lambda step, model: shares.append(model.settings.rays_by_class),
-        )
-    assert shares == [0.2, 0.0]
-
-
 def test_losses_are_logged_to_tensorboard(trajectory: Trajectory, tmp_path: Path) -> None:
     event_accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     short = replace(SETTINGS_SMALL, steps=3)
