@@ -17,15 +17,16 @@ STEP = 0.5  # poses farther apart are not joined by a straight motion, metres
 
 
 def drove_here(data: Dataset) -> bool:
-    """Return True for the episode of a robot that drove on the plane z = 0."""
-    return data.metric and bool(data.meta.get("actions")) and is_planar(data.poses)
+    """Return True for the episode of a robot with a level camera that drove on the plane z = 0."""
+    level = data.poses[0, 2, 1] > 1 - 1e-6 and not any(data.intrinsics[0].lens)
+    return data.metric and bool(data.meta.get("actions")) and is_planar(data.poses) and level
 
 
 def driven_floor_depth(data: Dataset) -> list[np.ndarray]:
     """Return (H, W) float32 depth of each image, metres: that of the floor the robot drove over, 0 elsewhere.
 
     Args:
-        data: episode of a robot, see :func:`drove_here`; images of one camera, upright.
+        data: episode of a robot, see :func:`drove_here`; images of one camera.
 
     Example:
         >>> from autonerf_lab.data.trajectory import Trajectory
@@ -37,15 +38,16 @@ def driven_floor_depth(data: Dataset) -> list[np.ndarray]:
         [0.0, 201.0, 156.0, 128.0, 108.0, 94.0]
     """
     swept, origin = _swept_area(data.poses[:, :2, 3])
-    size = np.array(swept.shape)
-    distances = np.arange(0, REACH, CELL)
+    size, distances = np.array(swept.shape), np.arange(0, REACH, CELL)
+    directions = data.intrinsics[0].directions()
+    rays = directions @ data.poses[0, :3, :3].T  # (H, W, 3) of depth 1; those of other images are turned about z
+    below = rays[..., 2] < -1e-3
+    depth = np.where(below, data.poses[0, 2, 3] / np.where(below, -rays[..., 2], 1), 0)
+    length = depth * np.hypot(rays[..., 0], rays[..., 1])  # on the floor
+    columns = directions[len(directions) // 2]  # (W, 3); a level camera sees the floor of a column in one heading
     found = []
-    for c2w, camera in zip(data.poses, data.intrinsics, strict=True):
-        rays = camera.directions() @ c2w[:3, :3].T  # (H, W, 3) of depth 1
-        below = rays[..., 2] < -1e-3
-        depth = np.where(below, c2w[2, 3] / np.where(below, -rays[..., 2], 1), 0)
-        length = depth * np.hypot(rays[..., 0], rays[..., 1])  # on the floor
-        heading = rays[camera.height // 2, :, :2]  # of each column
+    for c2w in data.poses:
+        heading = columns @ c2w[:2, :3].T
         heading = heading / np.linalg.norm(heading, axis=1, keepdims=True)
         cells = ((c2w[:2, 3] + distances[:, None, None] * heading - origin) / CELL).astype(np.int64)
         free = ((cells >= 0) & (cells < size)).all(axis=-1)

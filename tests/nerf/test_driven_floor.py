@@ -41,6 +41,9 @@ def test_only_the_episode_of_a_robot_on_a_plane_counts(episode):
     assert drove_here(data)
     assert not drove_here(replace(data, metric=False))
     assert not drove_here(replace(data, meta={}))  # images of a person or of a benchmark, not of a robot
+    down = np.eye(4)
+    down[1:3, 1:3] = [[np.cos(0.1), np.sin(0.1)], [-np.sin(0.1), np.cos(0.1)]]
+    assert not drove_here(replace(data, poses=data.poses @ down))  # a camera that is not level
     climbing = data.poses.copy()
     climbing[:, 2, 3] += np.linspace(0, 0.1, len(data))
     assert not drove_here(replace(data, poses=climbing))

@@ -83,15 +83,15 @@ def test_a_configuration_may_be_derived_in_the_dataset(tmp_path: Path) -> None:
 
 
 def test_a_template_may_be_named_by_a_part_of_its_name(tmp_path: Path) -> None:
-    """As in habitat-sim, whose own test scenes do so: the first name in the alphabet that contains the text."""
+    """A part of a name selects the first template in alphabetical order that contains it, as in habitat-sim."""
     path = make_dataset(tmp_path)
     whole = import_scene(path)
     edit(path, lambda content: content["object_instances"][1].update(template_name="CABINET"))
     assert np.allclose(import_scene(path).bounds, whole.bounds)
-    derived = [
+    derived: list[dict[str, Any]] = [
         {"template_handle": f"room_{name}", "original_file": "configs/stages/room.stage_config.json"} for name in "ba"
     ]
-    derived[0]["attributes"] = {"scale": [3, 3, 1]}  # type: ignore[assignment]
+    derived[0]["attributes"] = {"scale": [3, 3, 1]}
     edit(tmp_path / "toy.scene_dataset_config.json", lambda content: content["stages"].update(configs=derived))
     edit(path, lambda content: content["stage_instance"].update(template_name="oom_"))
     assert np.allclose(import_scene(path).bounds, whole.bounds)
@@ -181,7 +181,11 @@ def test_nodes_that_are_no_trees_are_refused(tmp_path: Path) -> None:
     meshes = room(), block((1, 1, 1), (1, 1, 0), (9, 9, 9)), block((1, 1, 1), (3, 1, 0), (9, 9, 9))
 
     def children(**of: list[int]) -> Callable[[Any], None]:
-        return lambda content: [content["nodes"][int(k[1:])].update(children=v) for k, v in of.items()]  # type: ignore[func-returns-value]
+        def change(content: Any) -> None:
+            for name, nodes in of.items():
+                content["nodes"][int(name[1:])]["children"] = nodes
+
+        return change
 
     for change, message in (
         (children(n1=[2], n2=[1]), "node [12] is its own ancestor"),
