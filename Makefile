@@ -7,6 +7,8 @@ PYTHON ?= python3
 PIP_ARGS ?=
 ARGS ?=
 BIN := .venv/bin
+# Where this is set, as in many containers, every process compiles torch again, which takes seconds.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: help setup demo lab docs test test-fast bench force
 

@@ -33,7 +33,7 @@ class WorkerPool(VecEnv):
     """
 
     def __init__(self, make: MakeEnv, environments: int, workers: int, seed: int = 0) -> None:
-        context = multiprocessing.get_context("spawn")
+        context = _process_context()
         self._shares = [list(part) for part in np.array_split(np.arange(environments), min(workers, environments))]
         self._pipes: list[Connection] = []
         self._processes = []
@@ -181,6 +181,18 @@ class _Worker:
             info["TimeLimit.truncated"] = truncated and not terminated
             obs = self._reset(index)
         return obs, reward, terminated or truncated, info
+
+
+def _process_context() -> Any:
+    """Return the way to start workers: copies of a process that has loaded this module, where the system has them.
+
+    They start in milliseconds instead of seconds and share the memory of the libraries.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():  # Windows
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__, "autonerf_lab.envs.explore"])
+    return context
 
 
 def _run_worker(pipe: Connection, make: CloudpickleWrapper, indices: list[int], seed: int) -> None:

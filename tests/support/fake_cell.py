@@ -9,7 +9,6 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from autonerf_lab import pipeline
 from autonerf_lab.benchmark import paper
 from autonerf_lab.benchmark.grid import Cell, label
 from autonerf_lab.benchmark.results import Outcome, load_results
@@ -78,7 +77,8 @@ def run_real(cell: Cell, out: Path, save_run: bool, lpips: str | None, device: s
     def fail(*arguments: object, **options: object) -> None:
         raise ValueError("odd") if number is None else OSError(number, os.strerror(number))
 
-    from autonerf_lab.benchmark.cell import run_cell  # imports torch, which the other fake cells do not need
+    from autonerf_lab import pipeline  # imports torch, which the other fake cells do not need
+    from autonerf_lab.benchmark.cell import run_cell
 
     pipeline.run_pipeline = fail
     return run_cell(cell, out, save_run, lpips)
