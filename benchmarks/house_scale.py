@@ -134,11 +134,11 @@ def main() -> None:
             folder = options.out if options.houses else None
             rows.append(in_fresh_process(THREADS, chain, home, policy, steps, size, folder))
             show(rows[-1])
-    if options.out is not None:
-        options.out.mkdir(parents=True, exist_ok=True)
-        write_csv(options.out / "house_scale.csv", rows)
-        if not options.houses:
-            draw(rows, options.out / "house_scale.png")
+            if options.out is not None:  # after each home: an interrupted run keeps its rows
+                options.out.mkdir(parents=True, exist_ok=True)
+                write_csv(options.out / "house_scale.csv", rows)
+    if options.out is not None and not options.houses:
+        draw(rows, options.out / "house_scale.png")
     found: dict[str, Any] = {"preset": size, "steps": steps, "rows": rows}
     if options.houses:
         found["targets"] = TARGETS
