@@ -20,7 +20,7 @@ COLAB, BINDER = "https://colab.research.google.com/github", "https://mybinder.or
 RUN_IT = (
     "**Run it**: `autonerf-lab course start FOLDER` copies all notebooks and opens them; in a copy of the repository, "
     "`make lab` does.\nThe first cell loads packages, which takes some seconds. In the first run after the "
-    "installation, kernels are compiled: some cells then take up to a minute."
+    "installation, kernels are compiled: some cells then take up to a minute longer."
 )
 INSTALL = """# Colab has Jupyter but not the package: install it, once (some minutes). Elsewhere this cell does nothing.
 import importlib.util
