@@ -3,6 +3,7 @@
 The artifact of a failed task is empty; its figure is :func:`~autonerf_lab.viz.figures.style.empty_figure`.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -281,10 +282,17 @@ def bird_view(
     Returns:
         (H, width, 3) uint8, white background.
     """
+    return _bird_views(mesh, [colors], width, azimuth_deg)[0]
+
+
+def _bird_views(
+    mesh: "trimesh.Trimesh", colorings: Sequence[np.ndarray | None], width: int = 1000, azimuth_deg: float = -60.0
+) -> list[np.ndarray]:
+    """Return :func:`bird_view` in several colourings, for little more than the time of one."""
     from autonerf_lab.simulator.raycast import RayCaster
 
     if not len(mesh.faces):
-        return np.full((width // 2, width, 3), 255, dtype=np.uint8)
+        return [np.full((width // 2, width, 3), 255, dtype=np.uint8)] * len(colorings)
     azimuth, elevation = np.radians(azimuth_deg), np.radians(50)
     back = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -304,17 +312,19 @@ def bird_view(
     hits = RayCaster(triangles).cast(origins, np.broadcast_to(-back, origins.shape))
     hit = hits.face >= 0
     face = hits.face[hit]
-    if colors is None:
-        visual: Any = mesh.visual
-        colors = np.asarray(visual.vertex_colors)[:, :3]
     points = origins[hit] - hits.t[hit, None] * back
     a, b, c = (triangles[face, i] for i in range(3))
     areas = np.stack([_area(points, b, c), _area(a, points, c), _area(a, b, points)], axis=1)
     weights = areas / np.maximum(areas.sum(axis=1, keepdims=True), 1e-20)
     shade = 0.62 + 0.38 * np.abs(normal[face] @ np.array([0.35, 0.2, 0.91]))
-    image = np.full((len(origins), 3), 255.0)
-    image[hit] = np.einsum("nk,nkd->nd", weights, colors[corners[face]].astype(np.float64)) * shade[:, None]
-    return image.reshape(rows // 2, 2, width, 2, 3).mean(axis=(1, 3)).round().astype(np.uint8)
+    visual: Any = mesh.visual
+    images = []
+    for colors in colorings:
+        of_vertices = np.asarray(visual.vertex_colors)[:, :3] if colors is None else colors
+        image = np.full((len(origins), 3), 255.0)
+        image[hit] = np.einsum("nk,nkd->nd", weights, of_vertices[corners[face]].astype(np.float64)) * shade[:, None]
+        images.append(image.reshape(rows // 2, 2, width, 2, 3).mean(axis=(1, 3)).round().astype(np.uint8))
+    return images
 
 
 def _area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -341,14 +351,15 @@ def mesh_view(artifact: dict[str, Any]) -> Figure:
     _, nearest = cKDTree(artifact["points"]).query(mesh.vertices)
     scale = Normalize(0, 100 * artifact["limit"])
     distance = colormaps["viridis"](scale(100 * artifact["distance"][nearest]))[:, :3]
-    views = [("colours", bird_view(mesh))]
+    colorings: dict[str, np.ndarray | None] = {"colours": None}
     if classes is not None:
-        views.append(("classes", bird_view(mesh, colorize(np.asarray(classes).astype(int)))))
-    views.append(("distance to the true surface", bird_view(mesh, (255 * distance).astype(np.uint8))))
-    height = views[0][1].shape[0] / views[0][1].shape[1]
-    figure = _figure(5.3 * len(views), 5.2 * height + 0.7)
-    axes = figure.subplots(1, len(views))
-    for ax, (title, image) in zip(axes, views, strict=True):
+        colorings["classes"] = colorize(np.asarray(classes).astype(int))
+    colorings["distance to the true surface"] = (255 * distance).astype(np.uint8)
+    images = _bird_views(mesh, list(colorings.values()))
+    height = images[0].shape[0] / images[0].shape[1]
+    figure = _figure(5.3 * len(images), 5.2 * height + 0.7)
+    axes = figure.subplots(1, len(images))
+    for ax, title, image in zip(axes, colorings, images, strict=True):
         ax.imshow(image)
         ax.set_title(title, fontsize=10)
         ax.axis("off")
