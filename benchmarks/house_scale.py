@@ -49,12 +49,13 @@ def stopwatch(seconds: dict[str, float], name: str) -> Iterator[None]:
     seconds[f"{name}_s"] = time.perf_counter() - start
 
 
-def chain(home: str | int, policy: str, steps: int, size: str, folder: Path | None) -> dict[str, Any]:
+def chain(home: str | int, policy: str, model: str, steps: int, size: str, folder: Path | None) -> dict[str, Any]:
     """Run the chain in a house of the library, or in a generated home of an area; return its times, memory and scores.
 
     Args:
         home: name in the library, or area in m2.
         policy: name of the policy.
+        model: name of the model of the field.
         steps: length of the episode.
         size: name of the preset.
         folder: for the trajectory, the field and the meshes; None stores nothing.
@@ -71,7 +72,7 @@ def chain(home: str | int, policy: str, steps: int, size: str, folder: Path | No
     explored, memory = trajectory.meta["explored_m2"], peak_gb()
     print(f"{scene.name} {policy}: explored {explored[-1]:.0f} m2 in {seconds['explore_s']:.0f} s", flush=True)
     with stopwatch(seconds, "fit"):
-        field = fit(trajectory, preset=size, progress=False)
+        field = fit(trajectory, model, preset=size, progress=False)
     if folder is not None:
         trajectory.save(folder / f"{scene.name}-{policy}/trajectory")
         field.save(folder / f"{scene.name}-{policy}/nerf")
@@ -79,7 +80,7 @@ def chain(home: str | int, policy: str, steps: int, size: str, folder: Path | No
     with stopwatch(seconds, "evaluate"):
         scores = evaluate(field, scene, size, tasks=TASKS, progress=False)
     values = {score.metric: score.value for score in scores}
-    row: dict[str, Any] = {"home": scene.name, "policy": policy, "explored_m2": explored[-1], **seconds}
+    row: dict[str, Any] = {"home": scene.name, "policy": policy, "model": model, "explored_m2": explored[-1], **seconds}
     row |= {"steps": field.meta["steps"], "explore_gb": memory, "peak_gb": peak_gb(), "total_s": sum(seconds.values())}
     row |= {name: values.get(name) for name in ("psnr", "free_recall", "completion_ratio", "completion_ratio_all")}
     if folder is not None:
@@ -120,6 +121,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="Measure two small homes with the smoke preset.")
     parser.add_argument("--houses", nargs="*", default=[], help="Houses of the library to score instead.")
     parser.add_argument("--policies", nargs="*", default=["frontier"], help="Policies of the houses.")
+    parser.add_argument("--model", default="semantic-nerfacto", help="Model of the fields.")
     parser.add_argument("--areas", nargs="*", type=int, default=AREAS, help="Areas of the generated homes, m2.")
     parser.add_argument("--steps", type=int, default=None, help="Steps of an episode; default: 1500, houses 4000.")
     parser.add_argument("--out", type=Path, default=None, help="Folder for house_scale.csv and house_scale.png.")
@@ -132,7 +134,7 @@ def main() -> None:
     for home in homes:
         for policy in policies:
             folder = options.out if options.houses else None
-            rows.append(in_fresh_process(THREADS, chain, home, policy, steps, size, folder))
+            rows.append(in_fresh_process(THREADS, chain, home, policy, options.model, steps, size, folder))
             show(rows[-1])
             if options.out is not None:  # after each home: an interrupted run keeps its rows
                 options.out.mkdir(parents=True, exist_ok=True)
