@@ -134,6 +134,7 @@ def _block(
     for i in range(0, len(index), _CHUNK):
         part = index[i : i + _CHUNK]
         alpha.flat[part] = opacity(field.density(points[part]) * np.float32(field.frame.unit))
+    seen = ndimage.binary_closing(seen, np.ones((3, 3, 3), dtype=bool))  # gaps between the rays that carved it
     alpha, seen, shape = _smooth(alpha, sampled)[_INNER], seen[_INNER], tuple(s - 2 * _HALO for s in shape)
     if not alpha.min() < threshold < alpha.max():
         return None
