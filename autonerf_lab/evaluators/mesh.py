@@ -2,9 +2,10 @@
 
 The opacity of a 10 cm step, ``alpha = 1 - exp(-0.10 sigma)``, is sampled on a grid and smoothed; marching cubes then
 extracts a level set. Only cubes whose free corners were seen from training views are kept, because no training view
-constrains the density behind a surface. The mesh is therefore open, like a scan. The grid is processed in blocks along
-x and y. Neighbouring blocks share one plane of samples and are merged afterwards, so the memory for the grid does not
-depend on the resolution.
+constrains the density behind a surface. Gaps of at most two nodes between the rays that carved the seen space are
+closed. The mesh is therefore open, like a scan, but without pinholes. The grid is processed in blocks along x and y.
+Neighbouring blocks share one plane of samples and are merged afterwards, so the memory for the grid does not depend on
+the resolution.
 """
 
 import math

@@ -24,7 +24,6 @@ from autonerf_lab.nerf.model import DepthGuidedSampler, Model, ModelSpec, check_
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.optimizer import Adam
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
-from autonerf_lab.nerf.predicted_labels import trust_near_labels
 from autonerf_lab.nerf.radiance_field import NeRF
 from autonerf_lab.nerf.ray_batch import Array, Arrays, Rays
 from autonerf_lab.nerf.scene_box import SceneBox
@@ -69,7 +68,7 @@ def fit(
 
     Args:
         data: RGB images, poses and optionally semantics, whose loss is weighted by their confidence if it is known;
-            models whose ``depth_weight`` is above 0 also need depth, and trust near predictions more.
+            models whose ``depth_weight`` is above 0 also need depth.
         model: a name (see :mod:`autonerf_lab.nerf.models`), or a custom
             :class:`~autonerf_lab.nerf.model.ModelSpec`.
         preset: selects the hyper-parameters and the number of steps; those of ``fast`` grow with the explored area
@@ -104,8 +103,6 @@ def fit(
             settings = scaled_to_area(settings, _explored_area(data))
     settings = replace(settings, steps=steps) if steps is not None else settings
     settings = _for_data(settings, data)
-    if settings.depth_weight and data.metric and data.confidences is not None:
-        data = trust_near_labels(data)
     if not settings.depth_weight:
         data = replace(data, depths=driven_floor_depth(data) if settings.floor_weight else None)
     frame = FieldFrame.from_dataset(data)
@@ -177,8 +174,6 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
         )
     if settings.floor_weight and not drove_here(data):
         settings = replace(settings, floor_weight=0.0)
-    if settings.depth_weight and data.confidences is not None:  # many of the rare labels are wrong
-        settings = replace(settings, rays_by_class=0.0)
     if data.metric:
         return settings
     return replace(settings, far=FAR_AWAY, turn=min(settings.turn, SPREAD * 2), shell=1.0)
