@@ -25,6 +25,7 @@ import numba
 import numpy as np
 from common.output import write_csv
 from common.training import in_fresh_process
+from skimage.io import imsave
 
 from autonerf_lab.evaluators import evaluate, export_mesh, extract_mesh, semantic_mesh
 from autonerf_lab.exploration import explore
@@ -33,6 +34,7 @@ from autonerf_lab.presets import preset
 from autonerf_lab.scenes import Scene, generate_apartment, load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.utils.resources import peak_gb
+from autonerf_lab.viz.figures import bird_view
 
 AREAS = (40, 80, 120, 160, 200, 250, 300)  # m2
 TASKS = ("rendering", "maps", "mesh")
@@ -85,9 +87,11 @@ def chain(home: str | int, policy: str, model: str, steps: int, size: str, folde
     row |= {name: values.get(name) for name in ("psnr", "free_recall", "completion_ratio", "completion_ratio_all")}
     if folder is not None:
         name = folder / f"{scene.name}-{policy}"
-        mesh = extract_mesh(field, preset(size).mesh_voxel)
-        export_mesh(mesh, name / "color.ply")
-        export_mesh(semantic_mesh(mesh), name / "semantic.ply")
+        color = extract_mesh(field, preset(size).mesh_voxel)
+        classes = semantic_mesh(color)
+        export_mesh(color, name / "color.ply")
+        export_mesh(classes, name / "semantic.ply")
+        imsave(name / "mesh.jpg", np.concatenate([bird_view(mesh, width=640) for mesh in (color, classes)], axis=1))
         scores.save(name / "scores.json")
     return row
 

@@ -38,6 +38,11 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
+def test_tables_of_finished_results_load_no_torch() -> None:
+    code = "import sys, autonerf_lab.benchmark.paper_tables; print('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
 def test_modules_import_each_other_in_no_circle() -> None:
     """Circular imports are errors only for some orders of import; without a circle every order works."""
     graph = grimp.build_graph("autonerf_lab", exclude_type_checking_imports=True)

@@ -41,6 +41,7 @@ _CHUNK = 1 << 18
 _BINOMIAL = np.array([0.25, 0.5, 0.25], dtype=np.float32)
 _HALO = 2  # extra nodes around a block: one for the smoothing, and one that decides whether that node is sampled
 _INNER = (slice(_HALO, -_HALO),) * 3
+_AROUND = np.ones((3, 3, 3), dtype=bool)  # a node and its neighbours
 # glTF is y-up: rotate by 90 degrees about x
 _Z_UP_TO_Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
 
@@ -129,13 +130,13 @@ def _block(
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     points = field.frame.to_world((low + nodes * voxel).astype(np.float32))
     seen = np.concatenate([field.seen(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)]).reshape(shape)
-    sampled = ndimage.binary_dilation(seen, np.ones((3, 3, 3), dtype=bool))  # rays end just inside of a surface
+    sampled = ndimage.binary_dilation(seen, _AROUND)  # rays end just inside of a surface
     alpha = np.zeros(shape, dtype=np.float32)
     index = np.flatnonzero(sampled)
     for i in range(0, len(index), _CHUNK):
         part = index[i : i + _CHUNK]
         alpha.flat[part] = opacity(field.density(points[part]) * np.float32(field.frame.unit))
-    seen = ndimage.binary_closing(seen, np.ones((3, 3, 3), dtype=bool))  # gaps between the rays that carved it
+    seen = ndimage.binary_closing(seen, _AROUND)  # gaps between the rays that carved it
     alpha, seen, shape = _smooth(alpha, sampled)[_INNER], seen[_INNER], tuple(s - 2 * _HALO for s in shape)
     if not alpha.min() < threshold < alpha.max():
         return None

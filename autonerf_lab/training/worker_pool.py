@@ -5,6 +5,7 @@ episodes, ``k`` is therefore the only state of an environment.
 """
 
 import multiprocessing
+import sys
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
@@ -184,11 +185,11 @@ class _Worker:
 
 
 def _process_context() -> Any:
-    """Return the way to start workers: copies of a process that has loaded this module, where the system has them.
+    """Return the way to start workers: on Linux, copies of a process that has loaded this module.
 
     They start in milliseconds instead of seconds and share the memory of the libraries.
     """
-    if "forkserver" not in multiprocessing.get_all_start_methods():  # Windows
+    if sys.platform != "linux":  # Windows cannot copy a process, and libraries of macOS may crash in a copy
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__, "autonerf_lab.envs.explore"])

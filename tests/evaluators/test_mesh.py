@@ -89,6 +89,17 @@ def test_unseen_parts_are_removed():
     assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 0.6).max() < 0.01
 
 
+@pytest.mark.parametrize(("width", "closed"), [(2, True), (3, False)])
+def test_gaps_of_at_most_two_nodes_in_the_seen_space_are_closed(width, closed):
+    class Slit(Ball):
+        """Unseen between two planes, with ``width`` nodes of the grid between them."""
+
+        def seen(self, points):
+            return (points[:, 0] < 0.1) | (points[:, 0] > 0.1 + 0.04 * width)
+
+    assert extract_mesh(Slit(), voxel=0.04, bounds=BOUNDS).is_watertight == closed
+
+
 def test_a_surface_has_no_holes_where_sight_ends_at_it():
     class Outside(Ball):
         def seen(self, points):

@@ -286,9 +286,9 @@ def bird_view(
 
 
 def _bird_views(
-    mesh: "trimesh.Trimesh", colorings: Sequence[np.ndarray | None], width: int = 1000, azimuth_deg: float = -60.0
+    mesh: "trimesh.Trimesh", colorings: Sequence[np.ndarray | None], width: int, azimuth_deg: float
 ) -> list[np.ndarray]:
-    """Return :func:`bird_view` in several colourings, for little more than the time of one."""
+    """Render :func:`bird_view` in several colourings, with one ray casting."""
     from autonerf_lab.simulator.raycast import RayCaster
 
     if not len(mesh.faces):
@@ -355,7 +355,7 @@ def mesh_view(artifact: dict[str, Any]) -> Figure:
     if classes is not None:
         colorings["classes"] = colorize(np.asarray(classes).astype(int))
     colorings["distance to the true surface"] = (255 * distance).astype(np.uint8)
-    images = _bird_views(mesh, list(colorings.values()))
+    images = _bird_views(mesh, list(colorings.values()), width=1000, azimuth_deg=-60.0)
     height = images[0].shape[0] / images[0].shape[1]
     figure = _figure(5.3 * len(images), 5.2 * height + 0.7)
     axes = figure.subplots(1, len(images))
