@@ -22,6 +22,12 @@ TEXEL_TASKS = 64  # tasks of the parallel loop over the rows of the atlas
 
 
 @njit(cache=True)
+def _same(points: np.ndarray, i: int, j: int) -> bool:
+    """Return True if two points are equal; without arrays, which numba would allocate for every texel."""
+    return points[i, 0] == points[j, 0] and points[i, 1] == points[j, 1] and points[i, 2] == points[j, 2]
+
+
+@njit(cache=True)
 def _surface(
     points: np.ndarray, start: int, n: int, m: int, a: float, b: float, p: np.ndarray, normal: np.ndarray
 ) -> None:
@@ -36,9 +42,7 @@ def _surface(
     a0, a1, b0, b1 = (k00, k10, k10, k11) if u >= v else (k01, k11, k00, k01)
     for c in range(3):
         p[c] = points[k00, c] + u * (points[a1, c] - points[a0, c]) + v * (points[b1, c] - points[b0, c])
-    if (points[a0] == points[a1]).all() or (
-        points[b0] == points[b1]
-    ).all():  # degenerate triangle at a pole: use the other one
+    if _same(points, a0, a1) or _same(points, b0, b1):  # degenerate triangle at a pole: use the other one
         a0, a1, b0, b1 = (k01, k11, k00, k01) if u >= v else (k00, k10, k10, k11)
     ax, ay, az = points[a1, 0] - points[a0, 0], points[a1, 1] - points[a0, 1], points[a1, 2] - points[a0, 2]
     bx, by, bz = points[b1, 0] - points[b0, 0], points[b1, 1] - points[b0, 1], points[b1, 2] - points[b0, 2]

@@ -4,7 +4,7 @@ Students read the solutions. They compute what ``benchmark.statistics`` computes
 """
 
 import numpy as np
-from scipy import stats
+import scipy  # loads its parts on first use
 
 from autonerf_lab.course.checker import Case, Exercise, Mistake
 
@@ -14,7 +14,7 @@ Runs = list[list[float]]  # for each scene, one value per start pose
 def half_width(runs: Runs) -> float:
     """Return half the width of the 95 % confidence interval over scenes."""
     means = [np.mean(starts) for starts in runs]  # each scene is one sample
-    factor = stats.t.ppf(0.975, len(means) - 1)  # 2.5 % in each tail
+    factor = scipy.stats.t.ppf(0.975, len(means) - 1)  # 2.5 % in each tail
     return float(factor * np.std(means, ddof=1) / np.sqrt(len(means)))
 
 
@@ -43,7 +43,7 @@ def _all(runs: Runs) -> list[float]:
 
 
 def _t(count: int, quantile: float = 0.975) -> float:
-    return float(stats.t.ppf(quantile, count - 1))
+    return float(scipy.stats.t.ppf(quantile, count - 1))
 
 
 _THREE = [[1.0, 3.0], [2.0, 2.0], [3.0, 3.0, 6.0]]
@@ -64,8 +64,8 @@ HALF_WIDTH = Exercise(
             lambda runs: _half(_all(runs), _t(sum(map(len, runs)))),
         ),
         Mistake(
-            "1.96 applies to many scenes. For few scenes use Student's t: stats.t.ppf(0.975, scenes - 1).",
-            lambda runs: _half(_means(runs), float(stats.norm.ppf(0.975))),
+            "1.96 applies to many scenes. For few scenes use Student's t: scipy.stats.t.ppf(0.975, scenes - 1).",
+            lambda runs: _half(_means(runs), float(scipy.stats.norm.ppf(0.975))),
         ),
         Mistake(
             "Use the sample standard deviation, which divides by n - 1: ddof=1.",
@@ -120,7 +120,7 @@ PAIRED = Exercise(
 
 
 def _ranks(values: list[float]) -> list[float]:
-    return [float(rank) for rank in stats.rankdata(values)]
+    return [float(rank) for rank in scipy.stats.rankdata(values)]
 
 
 def _cosine(x: list[float], y: list[float]) -> float:
