@@ -67,10 +67,10 @@ def read_only(record: Record) -> Record:
 class Transition:
     """Input of a reward: the map before and after one step. The arrays are read-only."""
 
-    before: MapState
-    after: MapState
-    observation: Observation
-    action: int
+    before: MapState  # map before the action
+    after: MapState  # map after the action, updated with ``observation``
+    observation: Observation  # made after the action
+    action: int  # a member of ``Action``
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ METRICS = (
 def compare(first: ResultsTable, second: ResultsTable) -> Table:
     """Return the table of score differences, second minus first: one column per pair, one row per score.
 
-    Rows with the same policy and model are paired. If there are none, each row of the second table is compared with
-    each row of the first that has the same model, or with all rows of the first.
+    Rows with the same policy and model are compared. If there are none, each row of the second table is compared with
+    every row of the first that has the same model; if there are none either, with every row of the first.
 
     Raises:
         RunFolderError: No scene and start has scores in both tables, or the presets differ.

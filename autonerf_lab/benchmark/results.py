@@ -45,13 +45,13 @@ class StageCost(TypedDict):
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a cell."""
+    """Outcome of a cell: its status and, if it finished, its scores, costs and coverage curves."""
 
     cell: Cell
     status: str  # "ok", or a word of RETRY and the reason, such as "failed: ..."
     scores: tuple[Score, ...] = ()
     stages: dict[str, StageCost] | None = None  # of a finished cell
-    curves: dict[str, list[float]] | None = None  # name -> % of the visible total over the episode
+    curves: dict[str, list[float]] | None = None  # metric -> coverage after 2, 4, ... 100 % of the steps, %
 
     def __post_init__(self) -> None:
         """Reduce the status to one line of printable characters of limited length."""

@@ -176,8 +176,8 @@ def upstream_scores(
 ) -> Scores:
     """Score a field by the definitions of the code that was released with the paper.
 
-    They differ in all tasks but rendering: see :mod:`autonerf_lab.evaluators.upstream`. Arguments and errors are those
-    of :func:`evaluate`.
+    These definitions differ from those of :func:`evaluate` in all tasks except rendering, see
+    :mod:`autonerf_lab.evaluators.upstream`. Arguments and errors are those of :func:`evaluate`.
 
     Example::
 

@@ -69,7 +69,7 @@ class TrueField:
     * ``seen`` is True everywhere.
     * ``mesh`` is the true mesh. Marching cubes cannot extract it from the density, which is not solid inside objects.
     * ``ray_gradients`` differentiates the textured surface numerically, over half a pixel.
-    * ``poses`` are 600 poses, uniform over the scene.
+    * ``poses`` are ``views`` random camera poses, uniform over the scene.
 
     Args:
         scene: the ground truth.
@@ -179,8 +179,9 @@ class TrueField:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the squared error of the mean of 2 x 2 samples per pixel, and its gradients by finite differences.
 
-        Rotating a ray of length ``t`` moves its end point ``t`` times as far as translating its origin by the same
-        amount, and a translation along the ray has no effect. Therefore ``dL/do = dL/dd / t``.
+        Shapes are those of :class:`~autonerf_lab.evaluators.RadianceField`. A change of the direction moves the end
+        point of a ray of length ``t`` by ``t`` times that change. The same change of the origin moves it only once as
+        far, and moving the origin along the ray has no effect. Therefore ``dL/do = dL/dd / t``.
         """
         quarter = 0.25 / self.sim.intrinsics.fl_x
         helper = np.where(np.abs(rays_d[:, 2:]) < 0.9 * np.linalg.norm(rays_d, axis=1, keepdims=True), 1.0, 0.0)

@@ -374,7 +374,8 @@ class PlanningTask(Task):
     text = (
         "Paths to points (PointGoal) and to objects (ObjectGoal) are planned on the predicted map and judged on the "
         "true map. A path succeeds if it ends less than 1 m from its goal and crosses fewer than 10 obstacle cells of "
-        "1 cm. SPL is success weighted by path length: a successful path counts the shortest length divided by its own."
+        "1 cm. SPL is success weighted by path length: a successful path counts the length of the shortest path "
+        "divided by its own length, a failed path counts 0."
     )
     figures = (
         TaskFigure(

@@ -79,9 +79,9 @@ class SegmentationTask(Task):
     name, metrics, title = "segmentation", metrics_of("segmentation"), "Segmentation"
     optional = True
     text = (
-        "The segmenter of the robot labels the images of the simulator at the test poses, one by one. The field has "
-        "fused the labels of all images of the trajectory. Its labels at the same poses are scored in the section on "
-        "rendering."
+        "The segmenter of the robot labels each image of the simulator at the test poses. This section scores these "
+        "labels. The field was trained on the predicted labels of all images of the trajectory; its labels at the same "
+        "poses are scored in the section on rendering."
     )
     figures = (
         TaskFigure(

@@ -33,13 +33,15 @@ TASKS: dict[str, Task] = {
     "trajectory": TrajectoryTask(),
     "segmentation": SegmentationTask(),
 }
+# Names of the built-in tasks that run for every field, in the order of the protocol.
 DEFAULT_TASKS = tuple(name for name, task in TASKS.items() if not task.optional)
 
 
 def default_tasks(meta: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the tasks of a field with this metadata.
+    """Return the tasks that run by default for a field with this metadata.
 
-    ``trajectory`` is among them if its poses are not the true ones, ``segmentation`` if its labels are not.
+    They are ``DEFAULT_TASKS``, ``trajectory`` if the field was trained on poses that are not the true ones, and
+    ``segmentation`` if it was trained on predicted labels.
 
     Example:
         >>> default_tasks({}) == DEFAULT_TASKS, default_tasks({"pose_source": "estimated"})[-1]
@@ -62,7 +64,7 @@ def available() -> dict[str, Task]:
 
 
 def optional_tasks() -> dict[str, Task]:
-    """Tasks that run only when asked for by name: the long ones, and those of installed packages."""
+    """Tasks that run only if they are named: long ones, and those of installed packages."""
     return {name: task for name, task in available().items() if name not in DEFAULT_TASKS}
 
 
@@ -96,7 +98,7 @@ def run_task(context: EvaluationContext, task: Task) -> tuple[list[Score], TaskR
         lacking = [metric.name for metric in task.metrics if metric.name not in result.values]
         if lacking:
             raise ValueError(f"task {task.name!r} returned no value for {', '.join(lacking)}")
-    except Exception as error:  # a grid of runs must survive one odd field: the row carries the reason
+    except Exception as error:  # one bad field must not stop a grid: its rows give the reason
         names = [metric.name for metric in task.metrics]
         result = TaskResult(dict.fromkeys(names), {}, dict.fromkeys(names, failure(error)))
     seconds = time.perf_counter() - start

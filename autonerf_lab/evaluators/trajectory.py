@@ -23,9 +23,9 @@ class TrajectoryTask(Task):
     metrics = metrics_of("trajectory")
     title = "Trajectory error"
     text = (
-        "The field was trained on poses that are not the true ones, and lives in their frame. For all scores of this "
-        "report, this frame was moved onto that of the apartment by one planar rigid motion, which fits the "
-        "training poses to the true ones. Errors are those that remain."
+        "The field was trained on poses that are not the true ones, so its coordinate frame differs from that of the "
+        "apartment. For all scores of this report, the field was first aligned with the apartment by one planar rigid "
+        "motion: the one that fits the training poses best to the true ones. The errors below remain after it."
     )
     figures = (
         TaskFigure(

@@ -227,11 +227,12 @@ class Model:
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """Recipe for a model: the entries of ``MODELS``, and the object that a package registers.
+    """Recipe for a model. ``MODELS`` holds one per built-in model; a plug-in package registers its own.
 
-    ``build(settings, box, frames, classes, rng, device)`` returns a :class:`Model`. It receives the number of training
-    images, the number of classes (0 for images without labels), a generator for the initial values, and the device:
-    None for the fastest implementation on the CPU, or a torch device.
+    ``build(settings, box, frames, classes, rng, device)`` returns a :class:`Model`. The arguments are the settings of
+    the preset, the :class:`~autonerf_lab.nerf.scene_box.SceneBox` of the training poses, the number of training images,
+    the number of classes (0 for images without labels), a NumPy generator for the initial values, and the device: None
+    for the fastest implementation on the CPU, or a torch device.
     """
 
     settings: Mapping[str, Settings]  # by preset

@@ -26,7 +26,8 @@ MAX_COORDINATE = 1e9  # of points, in units of the poses; squares of larger floa
 class NeRF:
     """A trained model with its training poses. Points and poses are in the world frame of the training poses.
 
-    Points, poses and rays that are not finite are refused with a :class:`~autonerf_lab.errors.DataError`.
+    The methods raise a :class:`~autonerf_lab.errors.DataError` for points, poses and rays that are not finite, except
+    :meth:`seen`.
 
     Args:
         model: field architecture and sampler, with the trained parameters.

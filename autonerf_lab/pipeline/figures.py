@@ -44,7 +44,7 @@ def draw_trajectory(
             partial(figures.pose_drift, trajectory),
             title="True, measured and estimated path",
             caption=f"The robot used its {trajectory.pose_source} poses. Errors are distances from the true pose, "
-            "without alignment; dotted: standard deviation that the estimate predicts.",
+            "without alignment. The dotted line is the standard deviation that the pose estimate predicts for itself.",
             alt="Paths of the pose sources from above, beside curves of position and heading error over the steps",
         )
         if trajectory.depth is not None:
@@ -53,8 +53,8 @@ def draw_trajectory(
                 "pose_maps",
                 partial(figures.pose_maps, trajectory),
                 title="Map before and after the correction of the poses",
-                caption="Depth points between 0.3 and 1.6 m above the floor, at the poses of each source; dotted: true "
-                "path. Wrong poses draw a wall several times.",
+                caption="Points of the depth images between 0.3 and 1.6 m above the floor, placed with the poses of "
+                "each source; dotted: true path. With wrong poses, a wall appears several times.",
                 alt="Walls and furniture from above as points of all depth images, one panel for each pose source",
             )
     gallery.add(
@@ -105,7 +105,7 @@ def draw_scores(
 
 
 def _drawn(draw: str | Callable[..., Any], inputs: dict[str, Any]) -> Any:
-    """Call a drawing function, or return a figure with the error: an odd figure must not stop a run."""
+    """Call a drawing function, or return a figure with the error: a figure that fails must not stop a run."""
     if not inputs.get("artifact", True):
         return figures.empty_figure()
     try:

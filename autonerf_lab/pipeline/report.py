@@ -53,7 +53,7 @@ class Section:
 TRAJECTORY = Section(
     "trajectory",
     "Trajectory",
-    "The robot explores the apartment with steps of 25 cm and rotations of 30°. It only knows what its camera has "
+    "The robot explores the apartment with steps of 25 cm and rotations of 30°. It knows only what its camera has "
     "seen. Each step records one image with its pose; these images are the training data of the radiance field.",
 )
 

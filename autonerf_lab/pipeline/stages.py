@@ -47,7 +47,7 @@ def _explore(context: StageContext) -> None:
         except DataError as error:
             raise DataError(
                 f"{error}. The exploration is saved with its estimated poses; `autonerf-lab adopt {folder} --out RUN` "
-                "makes a run of it"
+                "makes a run folder from it"
             ) from error
         trajectory.save_poses(folder)
     draw_trajectory(context.run / "figures", context.scene, context.trajectory, context.options.figures)

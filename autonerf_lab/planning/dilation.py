@@ -10,7 +10,7 @@ def dilate(mask: np.ndarray, radius: float) -> np.ndarray:
 
     Args:
         mask: (R, C) bool.
-        radius: cells; the run time is proportional to it, and empty rows take hardly any.
+        radius: radius of the disc, cells. The run time is proportional to it.
 
     Returns:
         (R, C) bool.

@@ -30,15 +30,15 @@ class Reward(Protocol):
 
 @runtime_checkable
 class PrivilegedReward(Protocol):
-    """Reward that gets reference observations from all over the scene: ground truth that no policy gets."""
+    """Reward that also gets observations from random poses of the scene: ground truth that no policy gets."""
 
-    references: int  # number of reference observations, at random navigable poses
+    references: int  # number of these observations per episode; their poses are navigable
 
     def __call__(self, transition: Transition) -> float:
         """Return the reward of one step."""
 
     def set_references(self, observations: list[Observation]) -> None:
-        """Set the observations of this episode from random poses in the scene; called after ``reset``."""
+        """Receive the ``references`` observations of a new episode; called after ``reset``."""
 
 
 @runtime_checkable
@@ -114,10 +114,10 @@ def unit_of(reward: Reward) -> str:
 
 
 def reset_reward(reward: Reward, rng: np.random.Generator, name: str) -> None:
-    """Call ``reset`` of a reward that has it.
+    """Call the method ``reset`` of a reward, if it has one, at the start of an episode.
 
     Raises:
-        RewardError: it raised; names the reward.
+        RewardError: ``reset`` raised an exception; the message contains ``name``.
     """
     reset = getattr(reward, "reset", None)
     if reset is None:
@@ -130,7 +130,8 @@ def evaluate(reward: Reward, transition: Transition, name: str) -> float:
     """Call a reward and convert its value to a float.
 
     Raises:
-        RewardError: the reward raised or is not a finite number; names the reward, the value and the step.
+        RewardError: the reward raised an exception, or its value is not a finite number; the message contains the name,
+            the value and the step.
     """
     step = transition.observation.step
     with named_errors(f"reward {name!r}", f"at step {step}", RewardError, passed=RewardError):

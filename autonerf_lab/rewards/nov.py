@@ -12,7 +12,8 @@ CELL = 0.5  # metres
 class Novelty:
     """Novelty of the robot's position, dimensionless: ``1 / sqrt(N(cell))``.
 
-    N is the number of steps of this episode that ended in the same cell of 0.5 m, by odometry, including this step.
+    N is the number of steps of this episode, this one included, that ended in the same cell of 0.5 m x 0.5 m. Positions
+    are those of the odometry.
 
     Example:
         >>> from autonerf_lab.rewards.conformance import blank_transition

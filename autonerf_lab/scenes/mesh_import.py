@@ -2,8 +2,8 @@
 
 Semantics come from a semantics file beside the mesh (:mod:`autonerf_lab.scenes.semantics_file`), else from the files
 of HM3D (:mod:`autonerf_lab.scenes.habitat.hm3d`) or Matterport3D (:mod:`autonerf_lab.scenes.habitat.mp3d`), else from
-the names of the nodes or objects, by the alias table (:mod:`autonerf_lab.scenes.class_aliases`). Faces without any are
-background.
+the names of the nodes or objects, by the alias table (:mod:`autonerf_lab.scenes.class_aliases`). Faces without a class
+are background.
 """
 
 import warnings
@@ -38,18 +38,18 @@ def import_scene(
 ) -> Scene:
     """Import a scanned mesh or a scene of a Habitat dataset as a scene, or furnish a floor plan.
 
-    The mesh may be textured or have vertex colours, and may have holes. ``scene.import_report`` says what was found; an
-    implausible import is a UserWarning, too.
+    The mesh may be textured or have vertex colours, and may have holes. ``scene.import_report`` describes the result; a
+    UserWarning says if it is implausible.
 
     Args:
         path: A .glb, .obj or .ply file in metres; textures must be inside it, or for OBJ in its folder. Or a file of a
             Habitat dataset: ``.scene_instance.json``, ``.stage_config.json``, ``.object_config.json``, or a
             ``.scene_dataset_config.json`` of one scene. Another .json file is a floor plan, see
             :func:`~autonerf_lab.scenes.houseexpo.import_houseexpo`.
-        up: Axis that points up in the file, "y" or "z"; default: found by the level surfaces, or as the Habitat files
-            say.
-        aliases: Names of objects that stand for classes, added to the alias table: a mapping such as
-            ``{"wing chair": "chair"}``, or the path of a JSON file with one.
+        up: Axis that points up in the file, "y" or "z". Default: the axis in the Habitat files, else estimated from the
+            horizontal surfaces.
+        aliases: Classes of further object names, added to the alias table: a mapping from name to class such as
+            ``{"wing chair": "chair"}``, or the path of a JSON file with such a mapping.
 
     Returns:
         Scene in metres, z up, with its floor at z = 0 and its centre at x = y = 0.

@@ -1,10 +1,10 @@
 """Segmenter ``compact``: a small network on RGB-D, trained on renders of generated apartments.
 
-Without a depth image it works on colours alone; a part of the training images has no depth.
+It also works without a depth image: some of its training images had none.
 
-``compact.json`` beside the weights names the command of the training, the number of frames, the hours and the learning
-curve. Confidence is the largest probability after division of the logits by a temperature, which was fitted on
-apartments without training frames (Guo et al. 2017).
+``compact.json`` beside the weights describes the training: command, number of frames, hours and learning curve. The
+confidence of a pixel is the probability of its most probable class. The logits are first divided by a temperature,
+which was fitted on apartments that are not in the training data (Guo et al. 2017).
 """
 
 from pathlib import Path
@@ -39,7 +39,7 @@ class Compact:
         self._network, self._temperature = load_network(path)
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin an episode: nothing is remembered between images."""
+        """Do nothing: labels of an image do not depend on earlier images."""
 
     def __call__(
         self, rgb: np.ndarray, depth: np.ndarray | None = None, truth: np.ndarray | None = None

@@ -191,5 +191,5 @@ def test_noise_and_alignment_are_stated(run):
     scores.details["trajectory"] = {"pose_source": "estimated", "alignment": moved}
     scores.save(run / "scores.json")
     text = render(run)
-    assert "moved onto that of the apartment" in text and "Poses of the exploration" in text and "Noise scale" in text
+    assert "first aligned with the apartment" in text and "Poses of the exploration" in text and "Noise scale" in text
     assert re.search(r"estimated</td>\s*<td[^>]*>0.500</td>\s*<td[^>]*>-0.250</td>\s*<td[^>]*>1.000<", text)

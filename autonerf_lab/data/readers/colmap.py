@@ -1,7 +1,7 @@
 """Reader of COLMAP models, text or binary: ``cameras`` and ``images`` in ``sparse/0``, beside the folder ``images``.
 
-Source: the documentation of COLMAP's output format. Points are not read. A mask of ``images/NAME`` is
-``masks/NAME.png``, as COLMAP has it: black where the image is not used.
+Source: the documentation of COLMAP's output format. Points are not read. The mask of ``images/NAME`` is
+``masks/NAME.png``, as in COLMAP: black pixels of the mask are not used.
 """
 
 import struct
@@ -18,7 +18,7 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.utils.storage import read_bytes
 
 PLACES = ("sparse/0", "sparse", "colmap/sparse/0", ".")
-MODELS = {  # id -> name, parameters; f is both focal lengths, and - a parameter that must be zero
+MODELS = {  # id -> name, parameters; "f" stands for both focal lengths, "-" for a parameter that must be zero
     0: ("SIMPLE_PINHOLE", "f cx cy"),
     1: ("PINHOLE", "fx fy cx cy"),
     2: ("SIMPLE_RADIAL", "f cx cy k1"),
@@ -42,7 +42,19 @@ def model_folder(folder: Path) -> Path | None:
 
 
 def read_colmap(folder: Path, model: Path | None = None) -> PosedFrames:
-    """Read the registered images of a model; without ``model``, of the one in the folder."""
+    """Read the registered images of a COLMAP model.
+
+    Args:
+        folder: folder of the photographs.
+        model: folder of the model; default: the first of ``PLACES`` in ``folder`` that has one.
+
+    Returns:
+        Frames in the order of their names. Poses are camera-to-world (OpenGL camera), in the world frame and the unit
+        of the model.
+
+    Raises:
+        DataError: there is no model or no registered image, a file is missing or damaged, or a camera is not supported.
+    """
     model = model_folder(folder) if model is None else model_folder(model)
     if model is None:
         raise DataError(f"{folder} has no COLMAP model: cameras and images, .bin or .txt")

@@ -15,11 +15,11 @@ class FrequencyField(TorchField):
 
     Args:
         settings: sizes of the network.
-        box: region of full resolution; its contracted cube is the domain of the frequency encoding.
+        box: contracts the world into a cube; positions in this cube are encoded.
         classes: number of classes, 0 for a field without semantics.
         rng: random generator of the initial values.
         device: a torch device.
-        prefix: of the parameter names, for models with two such fields.
+        prefix: prefix of the parameter names, for models with two such fields.
     """
 
     settings: SemanticNerfSettings

@@ -23,7 +23,7 @@ def trajectory_frames(trajectory: "Trajectory", count: int = 8) -> Figure:
 
     Args:
         trajectory: the recorded trajectory.
-        count: maximum number of steps.
+        count: maximum number of steps to show, one column each.
 
     Example:
         >>> from autonerf_lab.geometry import Intrinsics
