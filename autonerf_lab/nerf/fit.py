@@ -115,7 +115,7 @@ def fit(
         built = spec.build(settings, box, len(data), classes, rng, device)
         if built.pose_offsets is not None:
             built.pose_offsets.planar = is_planar(data.poses)
-        pixels = PixelSampler(data, frame)
+        pixels = PixelSampler(data, frame, settings.label_distance)
         if isinstance(built.sampler, DepthGuidedSampler):
             built.sampler.observe(pixels)
         state = TrainingState(built, Adam(built.parameters), rng)
@@ -174,9 +174,11 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
         )
     if settings.floor_weight and not drove_here(data):
         settings = replace(settings, floor_weight=0.0)
+    if data.confidences is not None and settings.label_distance:
+        settings = replace(settings, rays_by_class=0.0)  # many of the rare predicted labels are wrong
     if data.metric:
         return settings
-    return replace(settings, far=FAR_AWAY, turn=min(settings.turn, SPREAD * 2), shell=1.0)
+    return replace(settings, label_distance=0.0, far=FAR_AWAY, turn=min(settings.turn, SPREAD * 2), shell=1.0)
 
 
 def _fingerprint(data: Dataset) -> str:

@@ -16,9 +16,11 @@ class PixelSampler:
     Args:
         data: posed images.
         frame: conversion to the coordinates of the field.
+        label_distance: the weight of a label is its confidence times min(1, (label_distance / depth)²), because a
+            segmenter sees more of what is near; in the unit of the depth images. 0: its confidence.
     """
 
-    def __init__(self, data: Dataset, frame: FieldFrame) -> None:
+    def __init__(self, data: Dataset, frame: FieldFrame, label_distance: float = 0.0) -> None:
         self.names = data.names
         self.poses = frame.poses_to_field(data.poses).astype(np.float32)
         sizes = [image.shape[0] * image.shape[1] for image in data.images]
@@ -27,6 +29,7 @@ class PixelSampler:
         self.labels = _flat(data.semantics)
         self.depth = _flat(data.depths)
         self._confidence = _flat(data.confidences)
+        self._label_distance = label_distance
         used = _flat(data.masks)
         self._used = None if used is None else np.flatnonzero(used)  # pixels that may be sampled; None: all
         self._unit = np.float32(frame.unit)
@@ -101,11 +104,18 @@ class PixelSampler:
         labels, depth = np.full(len(pixels), NO_LABEL), np.full(len(pixels), NO_DEPTH, np.float32)
         if self.labels is not None:
             labels = self.labels[pixels].astype(np.int64)
+        trust = None if self._confidence is None else self._confidence[pixels].astype(np.float32) / np.float32(255)
         if self.depth is not None:
+            if trust is not None and self._label_distance:
+                trust *= self._share_of_near(self.depth[pixels])
             length = np.linalg.norm(self._directions(pixels)[1], axis=1).astype(np.float32)
             depth = self.depth[pixels] * length / self._unit
-        trust = None if self._confidence is None else self._confidence[pixels].astype(np.float32) / np.float32(255)
         return Targets(color, labels, depth, trust)
+
+    def _share_of_near(self, depth: np.ndarray) -> np.ndarray:
+        """Return the factor of the weights of labels at (R,) depths; missing depth counts as twice the distance."""
+        relative = np.divide(depth, self._label_distance, out=np.full(len(depth), 2.0, np.float32), where=depth > 0)
+        return np.maximum(relative, 1) ** -2
 
     def _directions(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the image (R,) and the direction (R, 3) float64 of pixels, in the camera frame with depth 1."""

@@ -9,7 +9,7 @@ from autonerf_lab.errors import DataError
 MAX_COUNT = 1 << 24  # upper limit of every whole number, and of the entries of all hash levels together
 MAY_BE_ZERO = {
     *("near", "semantic_weight", "rays_by_class", "distortion_weight", "depth_weight", "floor_weight"),
-    *("warmup", "min_weight"),
+    *("warmup", "min_weight", "label_distance"),
     *("appearance", "interlevel_weight", "skip"),
 }
 APARTMENT = 160.0  # m² of explored area, above that of every apartment: settings for larger homes grow with the area
@@ -31,6 +31,7 @@ class Settings:
     shell: float = 0.25  # thickness of the shell that holds the rest of the world, half sizes of the box
     view_dependent: bool = True  # colours depend on the viewing direction
     semantic_weight: float = 0.02  # of the cross entropy; the colour loss has weight 1
+    label_distance: float = 0.0  # metres; predicted labels farther away count less, by its inverse square; 0: equally
     rays_by_class: float = 0.2  # share of rays sampled by class, so that small objects are seen often enough
     distortion_weight: float = 0.002
     depth_weight: float = 0.0  # of the squared error of signed distances, per m²; depth images are used if above 0
@@ -134,6 +135,7 @@ class SurfaceSettings(HashSettings):
     voxel: float = 0.03  # side of a voxel of the distance grid
     truncation: float = 0.09  # largest distance that is fused
     fused_rays: int = 6_000_000  # largest number of pixels that are fused
+    label_distance: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -43,3 +43,16 @@ def test_sampling_is_uniform_without_a_share_or_without_labels(rare: PixelSample
         sampled = pixels.sample(200_000, np.random.default_rng(0), by_class=share)
         last = (sampled >= 10_000) & (sampled < 10_100)
         assert last.mean() == pytest.approx(100 / 20_200, rel=0.1)
+
+
+@pytest.mark.parametrize("distance, expected", [(1.0, [0.6, 0.6, 0.15, 0.0375, 0.15]), (0.0, [0.6] * 5)])
+def test_labels_of_far_surfaces_count_less(distance: float, expected: list[float]) -> None:
+    """The last pixel has no depth and counts as one at twice the distance."""
+    depth = np.array([[0.3, 1.0, 2.0, 4.0, 0.0]], np.float32)[None]
+    poses, labels = planar_pose(0, 0, 0)[None], np.zeros((1, 1, 5), np.uint8)
+    certain = np.full((1, 1, 5), 153, np.uint8)  # a confidence of 0.6
+    camera, black = Intrinsics.from_fov(5, 1), np.zeros((1, 1, 5, 3), np.uint8)
+    data = Dataset.from_trajectory(Trajectory(poses, black, depth, labels, camera, confidence=certain))
+    targets = PixelSampler(data, FieldFrame(), distance).targets(np.arange(5))
+    np.testing.assert_allclose(targets.trust, expected, rtol=1e-6)
+    assert (targets.depth > 0).tolist() == [True] * 4 + [False]

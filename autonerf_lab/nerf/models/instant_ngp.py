@@ -53,10 +53,11 @@ RGBD: dict[str, Any] = {
     "cell": 0.06,
     "reach": 0.3,
     "distortion_weight": 0.002,
+    "label_distance": 1.0,
 }
 RGBD_SPEC = ModelSpec(
     {
-        "smoke": replace(SETTINGS["smoke"], **RGBD, steps=200),
+        "smoke": replace(SETTINGS["smoke"], **RGBD | {"label_distance": 0.0}, steps=200),
         "fast": replace(SETTINGS["fast"], **RGBD),
         "paper": replace(SETTINGS["paper"], **RGBD),
     },
