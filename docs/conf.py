@@ -15,6 +15,7 @@ import shutil
 import tomllib
 import warnings
 from pathlib import Path
+from typing import Any
 
 from docutils import nodes
 from latex2mathml.converter import convert
@@ -49,10 +50,11 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
-    "sphinx.ext.viewcode",
     "myst_nb",
     "sphinx_copybutton",
 ]
+if not tags.has("without_sources"):  # noqa: F821 - Sphinx defines it
+    extensions.append("sphinx.ext.viewcode")
 templates_path = ["_templates"]
 exclude_patterns = ["_templates"]
 suppress_warnings = ["ref.python"]  # a short name in an annotation that several modules define
@@ -104,6 +106,7 @@ def public_names() -> tuple[dict[str, list[str]], dict[str, list[str]]]:
 
 
 _OWN, _IMPORTED = public_names()
+_NAVIGATION: dict[tuple[Any, ...], str] = {}  # HTML of the navigation by folder of the page and options
 autosummary_context = {
     "own": _OWN,
     "public": {package: names for package, names in _IMPORTED.items() if names},
@@ -190,10 +193,25 @@ def leave_modules_out(app: Sphinx, doctree: nodes.document) -> None:
             node.parent.remove(node)
 
 
+def share_navigation(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: nodes.document) -> None:
+    """Render the navigation once for all pages of a folder of the reference: it contains none of them."""
+    if page.startswith(("api/generated/", "_modules/")):
+        render = context["toctree"]
+
+        def toctree(**options: Any) -> str:
+            key = (os.path.dirname(page), *sorted(options.items()))
+            if key not in _NAVIGATION:
+                _NAVIGATION[key] = render(**options)
+            return _NAVIGATION[key]
+
+        context["toctree"] = toctree
+
+
 def setup(app: Sphinx) -> None:
     """Prepare the source folder, and register what is above."""
     shutil.rmtree(ROOT / "docs/api/generated", ignore_errors=True)  # no pages of modules that no longer exist
     copy_notebooks()
     app.connect("source-read", read_page)
     app.connect("doctree-read", leave_modules_out, priority=100)  # before Sphinx collects the navigation
+    app.connect("html-page-context", share_navigation, priority=100)  # before the theme asks for the navigation
     app.add_html_math_renderer("mathml", inline_renderers=(inline_math, None), block_renderers=(block_math, None))

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 from installed_plugins import Site
 
+import autonerf_lab  # noqa: F401 - sets OMP_WAIT_POLICY, which torch reads when it loads; a test may load torch first
+
 NO_NETWORK = Path(__file__).parent / "no_network"
 collect_ignore = ["no_network"]
 
 runpy.run_path(str(NO_NETWORK / "sitecustomize.py"))
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(NO_NETWORK), os.environ.get("PYTHONPATH")]))
 os.environ["MPLBACKEND"] = "Agg"
-# Each test worker uses all cores: threads that wait actively take them from the other workers (22 % of the time).
-os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
 
 # Tests that train, render for long, open a browser or run a notebook; `make test-fast` leaves them out.
 SLOW = (

@@ -54,19 +54,12 @@ def test_modules_import_each_other_in_no_circle() -> None:
 @pytest.mark.parametrize(
     "command",
     [
-        ["-m", "mypy", "--strict", "--no-incremental", "--python-executable", sys.executable],
-        [
-            "-m",
-            "basedpyright",
-            "--pythonpath",
-            sys.executable,
-            "--project",
-            str(SCRIPT.with_name("pyrightconfig.json")),
-        ],
+        ["-m", "mypy", "--config-file", SCRIPT.with_name("mypy.ini")],
+        ["-m", "basedpyright", "--pythonpath", sys.executable, "--project", SCRIPT.with_name("pyrightconfig.json")],
     ],
     ids=["mypy", "pyright"],
 )
-def test_type_checkers_accept_a_script_of_a_user(command: list[str], tmp_path: Path) -> None:
+def test_type_checkers_accept_a_script_of_a_user(command: list[str | Path], tmp_path: Path) -> None:
     """Run from elsewhere, so that the names come from the installed package."""
     result = subprocess.run(
         [sys.executable, *command, SCRIPT], cwd=tmp_path, capture_output=True, text=True, check=False

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,15 +12,42 @@ import numpy as np
 import pytest
 from chromium import Page, open_lab, open_page, wait
 from PIL import Image
+from toy_scene import two_rooms
 
-FOLDER = Path(__file__).parents[2] / "notebooks"
-TOUR = FOLDER / "00_tour.ipynb"
+from autonerf_lab.exploration import explore
+from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.simulator import Simulator
 
 RUN_ALL = "notebook:run-all-cells"
 PANEL = "[...jupyterapp.shell.widgets('main')].find(widget => widget.context)"
 KERNEL = f"{PANEL}?.context.sessionContext.session?.kernel"
 OUTPUTS = f"{PANEL}.content.widgets.flatMap(cell => cell.model.toJSON().outputs ?? [])"
 SLIDER = "document.querySelector('.jp-OutputArea-output .widget-slider .noUi-base')"
+# The outputs of the tour, of a short trajectory and without a field.
+TOUR = (
+    """
+import matplotlib.pyplot as plt
+from IPython.display import display
+
+import autonerf_lab as lab
+from autonerf_lab import course
+from autonerf_lab.scenes import plot_scene
+from autonerf_lab.types import Score
+from autonerf_lab.viz import figures
+
+scene = lab.load_scene("dev-0")
+plot_scene(scene, plt.subplots(figsize=(8, 6))[1])
+scene
+""",
+    """
+trajectory = lab.load_trajectory("trajectory")
+display(lab.play(trajectory).widget())
+figures.trajectory_frames(trajectory)
+""",
+    'lab.Scores([Score("rendering", "psnr", 22.5, "dB", n=8)])',
+    'course.check("00-opacity", lambda sigma, delta: sigma)',
+    'course.solution("00-opacity")',
+)
 ROUTE = """
 from autonerf_lab.course.widgets.exploration import Route
 from autonerf_lab.geometry import planar_pose
@@ -46,14 +72,23 @@ def run_all(page: Page, address: str) -> None:
     wait("all cells are run", lambda: page.js("document.finished"), 400)
 
 
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
+    """Yield the folder of a JupyterLab server, and the URL with ``%s`` for the notebook."""
+    folder = tmp_path_factory.mktemp("notebooks")
+    with open_lab(folder) as address:
+        yield folder, address
+
+
 @contextmanager
-def finished(notebook: Path, folder: Path) -> Iterator[Page]:
-    """Yield the page of a notebook after all cells ran without error and warning."""
-    (folder / "notebooks").mkdir()
-    shutil.copy(notebook, folder / "notebooks")
-    lab = open_lab(folder / "notebooks", AUTONERF_LAB_PRESET="smoke")
-    with lab as address, open_page(folder) as page:
-        run_all(page, address % notebook.name)
+def finished(lab: tuple[Path, str], folder: Path, *cells: str) -> Iterator[Page]:
+    """Yield the page of a notebook of these cells after they ran without error and warning."""
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}  # otherwise JupyterLab asks for a kernel
+    notebook = nbformat.v4.new_notebook(cells=[*map(nbformat.v4.new_code_cell, cells)], metadata=kernel)
+    name, address = f"{folder.name}.ipynb", lab[1]
+    nbformat.write(notebook, lab[0] / name)
+    with open_page(folder) as page:
+        run_all(page, address % name)
         outputs = page.js(OUTPUTS)
         assert not [output for output in outputs if output["output_type"] == "error"]
         assert "Warning" not in "".join(str(output.get("text")) for output in outputs if output.get("name") == "stderr")
@@ -73,10 +108,13 @@ def image_pixels(page: Page) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
 
 
-def test_slider_changes_the_image(tmp_path: Path) -> None:
-    with finished(TOUR, tmp_path) as page:
-        images = page.js("[...document.querySelectorAll('.jp-RenderedImage img')].map(image => image.naturalWidth)")
-        assert len(images) >= 8 and min(images) > 300
+def test_slider_changes_the_image(lab: tuple[Path, str], tmp_path: Path) -> None:
+    sim = Simulator(two_rooms(), Intrinsics.from_fov(24, 24), supersample=1)
+    explore(sim, "frontier", steps=13, seed=1, progress=False).save(lab[0] / "trajectory")
+    with finished(lab, tmp_path, *TOUR) as page:
+        widths = "[...document.querySelectorAll('.jp-RenderedImage img')].map(image => image.naturalWidth)"
+        images = wait("the figures are shown", lambda: page.js(f"{widths}.length >= 2 && {widths}"))
+        assert min(images) > 300
         wait("the image is shown", lambda: page.js(f"{SLIDER} && {IMAGE}.naturalWidth"))
         page.js(f"{SLIDER}.scrollIntoView({{block: 'center'}})")
         before = image_pixels(page)
@@ -86,11 +124,8 @@ def test_slider_changes_the_image(tmp_path: Path) -> None:
         assert image_pixels(page).std() > 0
 
 
-def test_clicks_on_a_map_move_start_and_goal_in_turn(tmp_path: Path) -> None:
-    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}  # otherwise JupyterLab asks for a kernel
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(ROUTE)], metadata=kernel)
-    nbformat.write(notebook, tmp_path / "route.ipynb")
-    with finished(tmp_path / "route.ipynb", tmp_path) as page:
+def test_clicks_on_a_map_move_start_and_goal_in_turn(lab: tuple[Path, str], tmp_path: Path) -> None:
+    with finished(lab, tmp_path, ROUTE) as page:
         wait("the image is shown", lambda: page.js(f"{SLIDER} && {IMAGE}?.naturalWidth"))
         readouts = f"[...{SLIDER}.closest('.jp-OutputArea-output').querySelectorAll('.widget-readout')]"
         values = f"{readouts}.map(shown => parseFloat(shown.textContent.replace('−', '-')))"

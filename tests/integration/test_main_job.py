@@ -12,6 +12,7 @@ from made_once import made_once
 from PIL import Image
 from toy_lpips import random_weights
 
+from autonerf_lab import cli
 from autonerf_lab.benchmark import Grid, Outcome, load_results
 from autonerf_lab.benchmark.add_lpips import add_lpips
 from autonerf_lab.benchmark.results import open_results
@@ -28,6 +29,13 @@ def command(*arguments) -> subprocess.CompletedProcess:
     return subprocess.run(
         [sys.executable, "-m", "autonerf_lab.cli", *map(str, arguments)], capture_output=True, text=True, check=False
     )
+
+
+def error_of(capsys, *arguments) -> str:
+    """Run a command that fails, in this process, and return its error: a process of its own takes seconds to start."""
+    capsys.readouterr()
+    assert cli.main([*map(str, arguments)]) == 1
+    return capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
@@ -85,10 +93,10 @@ def test_details_of_the_scores_are_reported(finished):
     assert "<th>episodes</th>" in text and "<td>PointGoal</td>" in text and "<td>ObjectGoal: " in text
 
 
-def test_optional_tasks_and_upstream_scores(run):
+def test_optional_tasks_and_upstream_scores(run, capsys):
     before = (run / "scores.json").read_bytes()
-    result = command("evaluate", run, "--overwrite", "--optional", "navigatoin")
-    assert result.returncode == 1 and "valid names: finetuning, navigation" in result.stderr
+    error = error_of(capsys, "evaluate", run, "--overwrite", "--optional", "navigatoin")
+    assert "valid names: finetuning, navigation" in error
     assert (run / "scores.json").read_bytes() == before, "nothing is lost"
     options = ("--optional", "navigation", "--interest-regions", "--upstream")
     result = command("evaluate", run, "--overwrite", *options)
@@ -105,14 +113,14 @@ def test_optional_tasks_and_upstream_scores(run):
     assert 'id="navigation"' in (run / "report.html").read_text()
 
 
-def test_lpips_is_added_to_finished_cells(run, tmp_path):
+def test_lpips_is_added_to_finished_cells(run, tmp_path, capsys):
     out, grid = tmp_path / "out", Grid(("frontier",), ("val-0",), 1, preset="smoke")
     (cell,) = grid.cells()
     open_results(out, grid).write(Outcome(cell, "ok", tuple(Scores.load(run / "scores.json")), {}))
     storage.write_arrays(tmp_path / "vgg", random_weights())
     storage.write_arrays(tmp_path / "other", {k: -v for k, v in random_weights().items()})
     add = ("bench", "lpips", out, "--lpips-weights", tmp_path / "vgg")
-    assert "run the grid with --save-runs" in command(*add).stderr
+    assert "run the grid with --save-runs" in error_of(capsys, *add)
     shutil.move(run, out / "runs" / cell.name)
     assert command(*add).returncode == 0
     results = load_results(out)
@@ -125,9 +133,9 @@ def test_lpips_is_added_to_finished_cells(run, tmp_path):
         add_lpips(results, Lpips(tmp_path / "other"))
 
 
-def test_mesh_format_and_voxel_size(run):
-    assert command("mesh", run, "--overwrite", "--format", "stl").returncode == 1
-    assert command("mesh", run, "--overwrite", "--voxel", "-1").returncode == 1
+def test_mesh_format_and_voxel_size(run, capsys):
+    assert "stl" in error_of(capsys, "mesh", run, "--overwrite", "--format", "stl")
+    assert "voxel" in error_of(capsys, "mesh", run, "--overwrite", "--voxel", "-1")
     assert (run / "mesh/mesh.json").exists(), "nothing is lost"
     result = command("mesh", run, "--overwrite", "--voxel", "0.1", "--format", "ply")
     assert result.returncode == 0, result.stderr
@@ -136,11 +144,9 @@ def test_mesh_format_and_voxel_size(run):
     assert len(list(run.glob("mesh/*.ply"))) == (2 if counts["triangles"] else 0)
 
 
-def test_finished_run_is_refused(finished):
-    folder, _ = finished
-    result = command("demo", "--preset", "smoke", "--out", folder)
-    assert result.returncode == 1
-    assert re.fullmatch(r"error: .*finished run .*report\.html.*--overwrite\n", result.stderr)
+def test_finished_run_is_refused(finished, capsys):
+    error = error_of(capsys, "demo", "--preset", "smoke", "--out", finished[0])
+    assert re.fullmatch(r"error: .*finished run .*report\.html.*--overwrite\n", error)
 
 
 def test_same_seed_gives_the_same_field(run):
@@ -151,13 +157,12 @@ def test_same_seed_gives_the_same_field(run):
     assert (run / "nerf/nerf.safetensors").read_bytes() == before
 
 
-def test_trajectory_of_another_scene(run):
+def test_trajectory_of_another_scene(run, capsys):
     path = run / "trajectory/transforms.json"
     content = json.loads(path.read_text())
     content["autonerf_lab"] |= {"scene": "val-1", "scene_sha256": "0" * 64}
     path.write_text(json.dumps(content))
-    result = command("fit", run, "--overwrite")
-    assert result.returncode == 1 and "recorded in another scene ('val-1')" in result.stderr
+    assert "recorded in another scene ('val-1')" in error_of(capsys, "fit", run, "--overwrite")
     assert (run / "nerf/nerf.safetensors").exists() and (run / "report.html").exists(), "nothing is lost"
 
 
@@ -173,16 +178,15 @@ def test_trajectory_of_another_scene(run):
     ],
 )
 @pytest.mark.parametrize("damage", ["missing", "cut"])
-def test_error_names_the_damaged_file_and_nothing_is_lost(run, name, stage, damage):
+def test_error_names_the_damaged_file_and_nothing_is_lost(run, name, stage, damage, capsys):
     path = run / name
     if damage == "missing":
         path.unlink()
     else:
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     others = {p: p.read_bytes() for p in run.rglob("*") if p.is_file() and p != path}
-    result = command(stage, run, *([] if stage == "report" else ["--overwrite"]))
-    assert result.returncode == 1
-    assert result.stderr.startswith("error: ") and path.name in result.stderr and result.stderr.count("\n") == 1
+    error = error_of(capsys, stage, run, *([] if stage == "report" else ["--overwrite"]))
+    assert error.startswith("error: ") and path.name in error and error.count("\n") == 1
     assert all(p.read_bytes() == data for p, data in others.items())
 
 
