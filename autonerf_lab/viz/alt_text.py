@@ -1,4 +1,4 @@
-"""Alternative texts of figures in notebooks, for readers who cannot see them.
+"""Figures in notebooks: a picture, and an alternative text for readers who cannot see it.
 
 The text is stored as ``alt`` in the metadata of the output, from which nbconvert and similar programs read it.
 """
@@ -35,11 +35,24 @@ def describe(figure: "Figure") -> str:
 
 
 def register() -> None:
-    """Add alternative texts to all figures of the current notebook; without IPython, do nothing."""
+    """Draw all figures of the current notebook, with alternative texts; without IPython, do nothing.
+
+    IPython shows figures as pictures only after pyplot has drawn one, and most figures here are made without pyplot.
+    """
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     if shell is not None:
-        shell.display_formatter.mimebundle_formatter.for_type_by_name("matplotlib.figure", "Figure", _bundle)
+        kind = "matplotlib.figure", "Figure"
+        shell.display_formatter.mimebundle_formatter.for_type_by_name(*kind, _bundle)
+        pictures = shell.display_formatter.formatters["image/png"]
+        if pictures.for_type_by_name(*kind) is None:
+            pictures.for_type_by_name(*kind, _picture)
+
+
+def _picture(figure: "Figure") -> bytes | None:
+    from IPython.core.pylabtools import print_figure
+
+    return print_figure(figure, fmt="png")  # type: ignore[return-value]
 
 
 def _bundle(figure: "Figure") -> tuple[dict[str, Any], dict[str, Any]]:

@@ -37,7 +37,10 @@ def test_figures_of_one_panel_and_without_words():
     assert describe(empty_figure("nothing to see")) == "Figure: nothing to see."
 
 
-def test_notebooks_store_the_alternative_text_with_the_figure():
+@pytest.mark.parametrize("pyplot", [True, False], ids=["after pyplot", "without pyplot"])
+def test_notebooks_show_figures_and_store_their_alternative_texts(pyplot: bool):
+    """Pyplot tells IPython to draw figures, with its first one; most figures of the package are made without it."""
+    after_pyplot = "from IPython.core.pylabtools import select_figure_formats as show; show(shell, ['png'])"
     code = """
 import sys
 import autonerf_lab.viz
@@ -46,13 +49,12 @@ from IPython.core.interactiveshell import InteractiveShell
 shell = InteractiveShell.instance()
 from importlib import reload
 reload(autonerf_lab.viz)
-from IPython.core.pylabtools import select_figure_formats
-select_figure_formats(shell, ["png"])
+PYPLOT
 from autonerf_lab.viz.figures.style import empty_figure
 data, metadata = shell.display_formatter.format(empty_figure("a <b>"))
 assert data["image/png"] and metadata == {"image/png": {"alt": "Figure: a <b>."}}, metadata
 """
-    subprocess.run([sys.executable, "-c", code], check=True)
+    subprocess.run([sys.executable, "-c", code.replace("PYPLOT", after_pyplot if pyplot else "")], check=True)
 
 
 # Machado, Oliveira and Fernandes (2009), severity 1: linear RGB as seen without one kind of cone
