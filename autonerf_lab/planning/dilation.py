@@ -1,4 +1,4 @@
-"""Operations on the masks of a grid: dilation of obstacles, and the rectangle that contains the set cells."""
+"""Operations on the masks of a grid: dilation of obstacles, the rectangle of the set cells, the nearest set cell."""
 
 import numpy as np
 from numba import njit
@@ -46,7 +46,6 @@ def dilate(mask: np.ndarray, radius: float) -> np.ndarray:
     return out
 
 
-@njit(cache=True, nogil=True)
 def bounding_box(mask: np.ndarray) -> tuple[int, int, int, int]:
     """Return the first row, the end of the rows, the first column and the end of the columns that contain set cells.
 
@@ -57,23 +56,40 @@ def bounding_box(mask: np.ndarray) -> tuple[int, int, int, int]:
         >>> bounding_box(np.eye(5, dtype=np.bool_)[:, 2:])
         (2, 5, 0, 3)
     """
-    rows, cols = mask.shape
-    columns = np.zeros(cols, np.bool_)
-    top = bottom = 0
-    for row in range(rows):
-        count = 0
-        for col in range(cols):
-            count += mask[row, col]
-            columns[col] |= mask[row, col]
-        if count > 0:
-            top = top if bottom > 0 else row
-            bottom = row + 1
-    left = right = 0
-    for col in range(cols):
-        if columns[col]:
-            left = left if right > 0 else col
-            right = col + 1
-    return top, bottom, left, right
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not len(rows):
+        return 0, 0, 0, 0
+    top, bottom = int(rows[0]), int(rows[-1]) + 1
+    cols = np.flatnonzero(mask[top:bottom].any(axis=0))
+    return top, bottom, int(cols[0]), int(cols[-1]) + 1
+
+
+@njit(cache=True, nogil=True)
+def nearest_set_cell(mask: np.ndarray, row: int, col: int) -> tuple[int, int]:
+    """Return the set cell nearest to a cell; of several, the first one in the order of rows and columns.
+
+    Args:
+        mask: (R, C) bool with a set cell; without, the result is (-1, -1).
+        row: row of the cell.
+        col: column of the cell.
+
+    Example:
+        >>> nearest_set_cell(np.array([[True, False, False, False, True]]), 0, 2)
+        (0, 0)
+    """
+    best, best_row, best_col = np.inf, -1, -1
+    for ring in range(max(mask.shape)):
+        if ring * ring > best:
+            break
+        for r in range(max(0, row - ring), min(mask.shape[0], row + ring + 1)):
+            step = 1 if abs(r - row) == ring else 2 * ring  # whole sides above and below, one cell left and right
+            for c in range(col - ring, col + ring + 1, step):
+                if not (0 <= c < mask.shape[1] and mask[r, c]):
+                    continue
+                squared = (r - row) ** 2 + (c - col) ** 2
+                if squared < best or (squared == best and (r, c) < (best_row, best_col)):
+                    best, best_row, best_col = squared, r, c
+    return best_row, best_col
 
 
 def resized(mask: np.ndarray | None, size: int) -> np.ndarray:

@@ -9,6 +9,7 @@ early within its bucket is corrected and expanded again, so the result is exact,
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -48,9 +49,60 @@ def travel_distance(
         mask[tuple(goal.reshape(-1, 2).T)] = True
         goal = mask
     stop = (-1, -1) if stop_at is None else (int(stop_at[0]), int(stop_at[1]))
-    distance = np.empty(free.shape)
-    _march(free, goal, *stop, float(limit / cell), float(cell), distance)
-    return distance
+    work = _buffers(free.shape)
+    _march(free, goal, *stop, float(limit / cell), float(cell), 0.0, *work)
+    return work.distance
+
+
+class UpdatedDistance:
+    """Path lengths to a goal that stay the same bits as those of :func:`travel_distance`, while the map changes.
+
+    A length depends on smaller ones only. Those below the smallest one at the cells that were blocked or freed since
+    the last call are kept, and the front goes on from there. If the goal has changed, everything is computed anew.
+
+    Args:
+        cell: side of a cell, metres.
+
+    Example:
+        >>> lengths, free, goal = UpdatedDistance(), np.ones((2, 4), bool), np.array([[True, False, False, False]] * 2)
+        >>> lengths.update(free, goal, stop_at=(0, 3))[0]
+        array([0., 1., 2., 3.])
+        >>> free[0, 2] = False  # the lengths of the first two columns are kept
+        >>> lengths.update(free, goal, stop_at=(0, 3))[0]
+        array([ 0.,  1., inf,  4.])
+    """
+
+    def __init__(self, cell: float = 1.0) -> None:
+        self._cell = cell
+        self._corner = (0, 0)
+        self._buffers = _buffers((0, 0))
+        self._level = 0.0  # cells; smaller lengths of the last call are final
+
+    def update(
+        self, free: np.ndarray, goal: np.ndarray, stop_at: tuple[int, int], corner: tuple[int, int] = (0, 0)
+    ) -> np.ndarray:
+        """Return the path lengths up to that of ``stop_at``; farther cells are inf.
+
+        Args:
+            free: (R, C) bool, the part of the map to plan on; it may grow between two calls.
+            goal: (R, C) bool.
+            stop_at: row and column at which to stop.
+            corner: map cell of ``free[0, 0]``.
+
+        Returns:
+            (R, C) float64, metres; the next call overwrites it.
+        """
+        last = self._buffers
+        rows, cols = last.distance.shape
+        if (rows, cols) != free.shape or corner != self._corner:
+            self._buffers = _buffers(free.shape)
+            top, left = self._corner[0] - corner[0], self._corner[1] - corner[1]
+            if 0 <= top <= free.shape[0] - rows and 0 <= left <= free.shape[1] - cols:
+                inside = slice(top + 1, top + rows + 1), slice(left + 1, left + cols + 1)
+                self._buffers.trial[inside] = last.trial[1:-1, 1:-1]
+            self._corner = corner
+        self._level = _march(free, goal, *stop_at, np.inf, self._cell, self._level, *self._buffers)
+        return self._buffers.distance
 
 
 def descend(
@@ -114,46 +166,63 @@ def weighted_success(success: bool, length: float, shortest: float) -> float:
     return min(1.0, shortest / length) if length > 0 else 1.0
 
 
+class _Buffers(NamedTuple):
+    """Arrays of a march over (R, C) cells. All but ``distance`` have a border of one blocked cell."""
+
+    trial: np.ndarray  # (R + 2, C + 2) smallest distance so far, cells; -1 for a blocked cell
+    final: np.ndarray  # (R + 2, C + 2) distance of expanded cells, cells; inf for the others
+    links: np.ndarray  # (2, R + 2, C + 2) int32, next and previous cell of the same bucket
+    distance: np.ndarray  # (R, C) result, metres
+
+
+def _buffers(shape: tuple[int, ...]) -> _Buffers:
+    padded = shape[0] + 2, shape[1] + 2
+    return _Buffers(np.full(padded, -1.0), np.full(padded, np.inf), np.empty((2, *padded), np.int32), np.empty(shape))
+
+
 @njit(cache=True, nogil=True)
 def _march(
-    free: np.ndarray, goal: np.ndarray, stop_row: int, stop_col: int, limit: float, cell: float, distance: np.ndarray
-) -> None:
-    """Write distances, in units of ``cell``, into ``distance``; negative ``stop_row``: no early end.
+    free: np.ndarray,
+    goal: np.ndarray,
+    stop_row: int,
+    stop_col: int,
+    limit: float,
+    cell: float,
+    level: float,
+    trial: np.ndarray,
+    final: np.ndarray,
+    links: np.ndarray,
+    distance: np.ndarray,
+) -> float:
+    """Write metres into ``distance``; negative ``stop_row``: no early end.
 
-    ``trial`` and ``final`` are flat and have a border of one blocked cell, so that neighbours need no bounds check;
-    ``stride`` is the length of a row. ``trial`` is the smallest distance so far, -1 for a blocked cell; it is copied to
-    ``final`` when the cell is expanded. A bucket is a doubly linked list of cells. No neighbour of an expanded cell is
-    more than one cell farther, so that buckets over a distance of two cells suffice.
+    Distances of an earlier call in ``trial`` that are smaller than ``level`` are final; return the new level. With the
+    border of ``trial`` and ``final``, neighbours need no bounds check; ``stride`` is the length of a row. A bucket is a
+    doubly linked list of cells. No neighbour of an expanded cell is more than one cell farther, so that buckets over a
+    distance of two cells suffice.
     """
     rows, cols = free.shape
     stride = cols + 2
-    trial = np.full((rows + 2) * stride, -1.0)
-    final = np.full(len(trial), np.inf)
-    after, before = np.empty(len(trial), np.int32), np.empty(len(trial), np.int32)  # links
-    first = np.full(_LAST + 1, -1, np.int32)  # of each bucket
+    level = _unaffected(free, goal, trial, level)
+    _keep(free, goal, level, trial, final)
+    trial, final, after, before = trial.ravel(), final.ravel(), links[0].ravel(), links[1].ravel()
+    first = np.full(_LAST + 2, -1, np.int32)  # of each bucket, and of the cells from which the front starts
     waiting = 0
+    slot = _LAST + 1
     for r in range(rows):
-        start = (r + 1) * stride + 1
-        for c in range(cols):
-            trial[start + c] = np.inf if free[r, c] else -1.0
-        for c in range(cols):
-            if goal[r, c] and free[r, c]:
-                trial[start + c] = final[start + c] = 0.0
-    for r in range(rows):
+        if final[(r + 1) * stride + 1 : (r + 2) * stride - 1].min() == np.inf:
+            continue
         for c in range(cols):
             i = (r + 1) * stride + c + 1
-            # A goal cell inside the goal has nothing to expand.
-            if trial[i] == 0 and max(trial[i - stride], trial[i + stride], trial[i - 1], trial[i + 1]) > 0:
-                after[i], before[i] = first[0], -1
-                if first[0] >= 0:
-                    before[first[0]] = i
-                first[0] = i
+            # A cell between cells of known distance has nothing to expand.
+            if final[i] < np.inf and max(trial[i - stride], trial[i + stride], trial[i - 1], trial[i + 1]) == np.inf:
+                after[i], before[i] = first[slot], -1
+                first[slot] = i
                 waiting += 1
     sides = np.array([-stride, stride, -1, 1])
     stop = (stop_row + 1) * stride + stop_col + 1 if stop_row >= 0 else 0
-    bucket = 0
+    bucket = int(level * _BUCKETS) - 1  # the start cells come first
     while waiting > 0 and final[stop] == np.inf and bucket <= limit * _BUCKETS:
-        slot = bucket & _LAST
         while first[slot] >= 0:
             i = first[slot]
             first[slot] = after[i]
@@ -189,11 +258,43 @@ def _march(
                 first[target] = n
                 waiting += 1
         bucket += 1
+        slot = bucket & _LAST
     limit = min(limit, final[stop])
     for r in range(rows):
-        start = (r + 1) * stride + 1
+        reached = final[(r + 1) * stride + 1 :]
         for c in range(cols):
-            distance[r, c] = final[start + c] * cell if final[start + c] <= limit else np.inf
+            distance[r, c] = reached[c] * cell if reached[c] <= limit else np.inf
+    return max(level, final[stop]) if final[stop] < np.inf else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _keep(free: np.ndarray, goal: np.ndarray, level: float, trial: np.ndarray, final: np.ndarray) -> None:
+    """Keep distances smaller than ``level``; set the others to their initial values."""
+    for r in range(free.shape[0]):
+        for c in range(free.shape[1]):
+            known = trial[r + 1, c + 1]
+            length = 0.0 if goal[r, c] else (known if 0 <= known < level else np.inf)
+            trial[r + 1, c + 1] = length if free[r, c] else -1.0
+            final[r + 1, c + 1] = length if free[r, c] else np.inf
+
+
+@njit(cache=True, nogil=True)
+def _unaffected(free: np.ndarray, goal: np.ndarray, known: np.ndarray, level: float) -> float:
+    """Return the distance, at most ``level``, below which known distances hold for these free cells and this goal."""
+    for r in range(free.shape[0]):
+        for c in range(free.shape[1]):
+            before = known[r + 1, c + 1]
+            if (goal[r, c] and free[r, c]) != (before == 0):
+                return 0.0
+            if free[r, c] == (before >= 0):
+                continue
+            if before >= 0:
+                level = min(level, before)
+                continue
+            for value in (known[r, c + 1], known[r + 2, c + 1], known[r + 1, c], known[r + 1, c + 2]):
+                if value >= 0:
+                    level = min(level, value)
+    return level
 
 
 @njit(cache=True, nogil=True)

@@ -2,7 +2,8 @@
 
 A fast-marching field gives the path length from every cell to the waypoint; the robot heads for the best cell a few
 cells ahead. Unexplored cells count as free, cells of collisions as blocked. The field is computed again if the waypoint
-changes, an obstacle appears near the planned path, the robot leaves the field, or after 25 steps.
+changes, an obstacle appears near the planned path, the robot leaves the field, or after 25 steps. For the same
+waypoint, only the part that the changes of the map may affect is computed.
 """
 
 from dataclasses import dataclass
@@ -11,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from autonerf_lab.geometry import AGENT_RADIUS, TURN_ANGLE, planar_from_pose, world_to_cell, wrap_angle
-from autonerf_lab.planning.dilation import bounding_box, dilate, resized
-from autonerf_lab.planning.fast_marching import descend, travel_distance
+from autonerf_lab.planning.dilation import bounding_box, dilate, nearest_set_cell, resized
+from autonerf_lab.planning.fast_marching import UpdatedDistance, descend, travel_distance
 from autonerf_lab.types import Action, MapState
 
 _MARGIN = 1.5  # metres around the explored area that are planned on; a larger margin takes more time
@@ -29,7 +30,7 @@ class Plan:
 
     target: tuple[int, int]  # cell of the waypoint
     corner: tuple[int, int]  # map cell of distance[0, 0]
-    distance: np.ndarray  # (R, C) float64, metres; inf for blocked cells
+    distance: np.ndarray  # (R, C) float64, metres; inf for blocked cells; the next plan overwrites it
     path: np.ndarray  # (K, 2) map cells from the robot to the goal
     exact: bool  # True: the path ends at the waypoint; False: at the reachable cell nearest to it
 
@@ -54,6 +55,7 @@ class LocalPolicy:
     def reset(self) -> None:
         """Begin an episode."""
         self._plan: Plan | None = None
+        self._lengths: UpdatedDistance | None = None  # of the last plan
         self._bumped: np.ndarray | None = None  # (M, M) bool, cells blocked by collisions
         self._last: tuple[float, float, float] | None = None
         self._last_action: Action | None = None
@@ -175,6 +177,7 @@ class LocalPolicy:
     def _make_plan(self, map: MapState, target: tuple[int, int], start: tuple[int, ...]) -> Plan:
         """Plan with the largest possible clearance, to the reachable cell nearest to the target."""
         assert self._bumped is not None
+        self._lengths = self._lengths or UpdatedDistance(map.cell)
         window = _window(map, start, target)
         corner = (window[0].start, window[1].start)
         goal = (target[0] - corner[0], target[1] - corner[1])
@@ -186,7 +189,7 @@ class LocalPolicy:
             free = (~dilate(occupied, reach + 0.5) | visited) & ~bumped
             free[max(0, here[0] - 1) : here[0] + 2, max(0, here[1] - 1) : here[1] + 2] = True
             goal_cells = _goal_cells(free, goal, max(2, round(0.15 / map.cell)))
-            distance = travel_distance(free, goal_cells, map.cell, here)
+            distance = self._lengths.update(free, goal_cells, here, corner)
             if np.isfinite(distance[here]):
                 return Plan(target, corner, distance, descend(distance, here, map.cell) + corner, True)
             if reach <= radius - 2 and bumped.any():
@@ -194,8 +197,7 @@ class LocalPolicy:
                 self._bumped[window] = False
                 bumped = self._bumped[window]
         reachable = np.isfinite(travel_distance(free, np.array([here]), map.cell))
-        cells = np.argwhere(reachable)
-        nearest = cells[np.argmin(((cells - np.array(goal)) ** 2).sum(axis=1))]
+        nearest = np.array(nearest_set_cell(reachable, *goal))
         distance = travel_distance(free, nearest[None], map.cell, here)
         return Plan(target, corner, distance, descend(distance, here, map.cell) + corner, False)
 

@@ -21,7 +21,7 @@ from autonerf_lab.geometry import (
     world_to_cell,
     wrap_angle,
 )
-from autonerf_lab.planning.dilation import bounding_box, dilate, resized
+from autonerf_lab.planning.dilation import bounding_box, dilate, nearest_set_cell, resized
 from autonerf_lab.planning.fast_marching import travel_distance
 from autonerf_lab.planning.local_policy import LocalPolicy
 from autonerf_lab.policies.information_gain import RAYS, new_views, unknown_area
@@ -155,16 +155,17 @@ class Frontier:
     def _best_frontier(self, map: MapState, distance: np.ndarray) -> Target | None:
         """Return the frontier contour of highest utility."""
         assert self._given_up is not None
-        labels, _ = ndimage.label(reachable_frontier(map, distance) & ~self._given_up, np.ones((3, 3)))
+        frontier = reachable_frontier(map, distance) & ~self._given_up
+        top, bottom, left, right = bounding_box(frontier)
+        labels, _ = ndimage.label(frontier[top:bottom, left:right], np.ones((3, 3)))
         best: Target | None = None
-        standing = np.argwhere(np.isfinite(distance))
+        reachable = np.isfinite(distance)
         for number, box in enumerate(ndimage.find_objects(labels), start=1):
-            cells = np.argwhere(labels[box] == number) + np.array([box[0].start, box[1].start])
+            cells = np.argwhere(labels[box] == number) + np.array([top + box[0].start, left + box[1].start])
             if len(cells) * map.cell < _MIN_CONTOUR:
                 continue
             centre = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))]
-            cell = tuple(int(i) for i in standing[np.argmin(((standing - centre) ** 2).sum(axis=1))])
-            best = self._better(map, best, (cell[0], cell[1]), distance, discovers=True)
+            best = self._better(map, best, nearest_set_cell(reachable, *centre), distance, discovers=True)
         return best
 
     def _best_view(self, map: MapState, distance: np.ndarray) -> Target | None:
@@ -230,13 +231,12 @@ def path_lengths_from_robot(map: MapState) -> np.ndarray:
         True
     """
     radius = round(AGENT_RADIUS / map.cell)
-    free = (map.explored & ~dilate(map.occupied, radius + 0.5)) | map.visited
-    goal = np.zeros_like(free)
+    window = _around(map.explored, radius)
+    free = (map.explored[window] & ~dilate(map.occupied[window], radius + 0.5)) | map.visited[window]
+    goal = np.zeros_like(map.explored)
     goal[tuple(world_to_cell(map.pose[:2, 3], map.origin, map.cell))] = True
-    distance = np.full(free.shape, np.inf)
-    top, bottom, left, right = bounding_box(free)
-    window = slice(top, bottom), slice(left, right)
-    distance[window] = travel_distance(free[window], goal[window], map.cell)
+    distance = np.full(map.explored.shape, np.inf)
+    distance[window] = travel_distance(free, goal[window], map.cell)
     return distance
 
 
@@ -258,11 +258,19 @@ def reachable_frontier(map: MapState, distance: np.ndarray) -> np.ndarray:
         >>> int(reachable_frontier(map, path_lengths_from_robot(map)).sum())
         10
     """
-    reachable = np.isfinite(distance)
+    window = _around(map.explored, 1)
+    reachable = np.isfinite(distance[window])
     # Dilated obstacles may separate a frontier from the reachable ground, by at most this margin.
     near = dilate(_border(reachable), AGENT_RADIUS / map.cell + 2) | reachable
-    frontier: np.ndarray = _border(map.explored) & ~map.occupied & near
+    frontier = np.zeros_like(map.explored)
+    frontier[window] = _border(map.explored[window]) & ~map.occupied[window] & near
     return frontier
+
+
+def _around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
+    """Return the rows and columns of the set cells with a margin."""
+    top, bottom, left, right = bounding_box(mask)
+    return slice(max(0, top - margin), bottom + margin), slice(max(0, left - margin), right + margin)
 
 
 def _border(mask: np.ndarray) -> np.ndarray:

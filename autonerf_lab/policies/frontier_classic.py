@@ -14,6 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from autonerf_lab.geometry import cell_to_world, world_to_cell
+from autonerf_lab.planning.dilation import nearest_set_cell
 from autonerf_lab.planning.local_policy import LocalPolicy
 from autonerf_lab.policies.frontier import path_lengths_from_robot, reachable_frontier
 from autonerf_lab.types import MapState, Observation
@@ -81,5 +82,4 @@ def _target(map: MapState, rng: np.random.Generator) -> tuple[int, int]:
         lengths = np.bincount(labels.ravel())[1:]
         longest = np.argsort(-lengths, kind="stable")[:_CONTOURS]
         cells = np.argwhere(labels == 1 + rng.choice(longest))
-    row, col = standing[np.argmin(((standing - cells[rng.integers(len(cells))]) ** 2).sum(axis=1))]
-    return int(row), int(col)
+    return nearest_set_cell(np.isfinite(distance), *cells[rng.integers(len(cells))])

@@ -279,19 +279,18 @@ def pooled(channels: np.ndarray, top: int, left: int, side: int, factor: int) ->
     """
     count, size = channels.shape[0], channels.shape[1]
     out = np.zeros((count, side, side), np.bool_)
-    first = min(side, max(0, -(left // factor)))  # column of the result from which whole blocks lie in the map
-    last = max(first, min(side, (size - left) // factor))
+    first = max(0, left)
+    last = max(first, min(size, left + side * factor))
+    line = np.empty(side * factor, np.bool_)  # maximum over the rows of the blocks
     for k in range(count):
-        for row in range(max(0, top), min(size, top + side * factor)):
-            i = (row - top) // factor
+        for i in range(side):
+            line[:] = False
+            inside = line[first - left : last - left]
+            for row in range(max(0, top + i * factor), min(size, top + (i + 1) * factor)):
+                inside |= channels[k, row, first:last]  # a slice: compiled to vector instructions
+            blocks = out[k, i]
             for part in range(factor):
-                start = left + part
-                for j in range(first, last):
-                    out[k, i, j] |= channels[k, row, start + j * factor]
-            for col in range(max(0, left), min(size, left + first * factor)):
-                out[k, i, (col - left) // factor] |= channels[k, row, col]
-            for col in range(max(0, left + last * factor), min(size, left + side * factor)):
-                out[k, i, (col - left) // factor] |= channels[k, row, col]
+                blocks |= line[part::factor]
     return out
 
 

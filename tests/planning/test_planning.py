@@ -3,10 +3,14 @@ import heapq
 import numpy as np
 import pytest
 
-from autonerf_lab.geometry import planar_pose
+from autonerf_lab.exploration import explore
+from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.mapping import empty_map
 from autonerf_lab.planning import LocalPolicy, descend, dilate, path_length, travel_distance, weighted_success
-from autonerf_lab.planning.dilation import bounding_box
+from autonerf_lab.planning.dilation import bounding_box, nearest_set_cell
+from autonerf_lab.planning.fast_marching import UpdatedDistance
+from autonerf_lab.scenes import load_scene
+from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action
 
 MAZE = """
@@ -110,6 +114,66 @@ def test_stopping_early_does_not_change_the_reached_cells():
     assert (full[reached] <= full[20, 30]).all() and not reached.all()
 
 
+def test_updated_distances_equal_new_ones_bit_for_bit():
+    """Blocks appear and vanish, the robot moves, the window grows, moves and shrinks, the goal changes."""
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        size = int(rng.integers(20, 90))
+        occupied = rng.random((size, size)) < rng.choice([0.0, 0.005, 0.02])
+        low, high = np.full(2, size // 3), np.full(2, 2 * size // 3)
+        lengths, goal_cell, robot = UpdatedDistance(0.05), rng.integers(low, high), rng.integers(low, high)
+        radius = int(rng.integers(4))
+        for _ in range(25):
+            for _ in range(rng.integers(4)):
+                row, col, height, width = *rng.integers(size, size=2), *rng.integers(1, 5, 2)
+                occupied[row : row + height, col : col + width] = rng.random() < 0.7
+            if rng.random() < 0.3:
+                low, high = (
+                    np.maximum(0, low - rng.integers(3, size=2)),
+                    np.minimum(size, high + rng.integers(3, size=2)),
+                )
+            elif rng.random() < 0.1:
+                axis = rng.integers(2)
+                low[axis] = min(low[axis] + 2, size // 3)
+            if rng.random() < 0.05:
+                goal_cell = rng.integers(low, high)
+            robot = np.clip(robot + rng.integers(-4, 5, 2), low, high - 1)
+            rows, cols = np.ogrid[low[0] : high[0], low[1] : high[1]]
+            free = ~dilate(occupied, 1.5)[low[0] : high[0], low[1] : high[1]]
+            goal = (rows - goal_cell[0]) ** 2 + (cols - goal_cell[1]) ** 2 <= radius**2
+            free |= (abs(rows - robot[0]) <= 1) & (abs(cols - robot[1]) <= 1)
+            stop = robot - low
+            want = travel_distance(free, goal, 0.05, stop)
+            np.testing.assert_array_equal(lengths.update(free, goal, stop, tuple(low)), want)
+
+
+@pytest.mark.parametrize("noise", [None, "ans"])
+def test_a_rollout_takes_the_same_actions_as_with_new_distances(noise, monkeypatch):
+    sim = Simulator(load_scene("dev-0"), Intrinsics.from_fov(32, 32), rgb=False, noise=noise)
+    updated = explore(sim, "frontier", steps=250, seed=1, progress=False).meta["actions"]
+    calls = []
+
+    def new(self, free, goal, stop_at, corner=(0, 0)):
+        calls.append(corner)
+        return travel_distance(free, goal, self._cell, stop_at)
+
+    monkeypatch.setattr(UpdatedDistance, "update", new)
+    assert explore(sim, "frontier", steps=250, seed=1, progress=False).meta["actions"] == updated
+    assert len(calls) > 20
+
+
+def test_an_update_keeps_the_lengths_before_the_change():
+    """Lengths that are not computed again keep a value that was written into them."""
+    lengths, free, goal = UpdatedDistance(), np.ones((2, 9), bool), np.zeros((2, 9), bool)
+    goal[:, 0] = True
+    lengths.update(free, goal, (0, 8))
+    lengths._buffers.trial[1, 4] = 3.5  # behind the border: row 0, column 3
+    free[0, 6] = False
+    want = travel_distance(free, goal, stop_at=(0, 8))
+    want[0, 3] = 3.5
+    np.testing.assert_array_equal(lengths.update(free, goal, (0, 8)), want)
+
+
 def test_weighted_success_by_hand():
     """A path of 4 m where 3 m are possible; one measured shorter than possible; a goal at the start; a failure."""
     cases = [(True, 4.0, 3.0), (True, 2.9, 3.0), (True, 0.0, 0.0), (False, 1.0, 1.0)]
@@ -163,6 +227,17 @@ def test_the_bounding_box_contains_all_set_cells_and_none_is_empty():
     assert bounding_box(mask) == (0, 0, 0, 0)
     mask[0, 3] = mask[6, 1] = mask[2, 6] = True
     assert bounding_box(mask) == (0, 7, 1, 7)
+
+
+def test_the_nearest_set_cell_is_the_first_of_those_at_the_smallest_distance():
+    rng = np.random.default_rng(0)
+    for share in (0.01, 0.1, 0.9):
+        mask = rng.random((17, 23)) < share
+        cells = np.argwhere(mask)
+        for row, col in rng.integers(0, 17, (40, 2)):
+            want = cells[np.argmin(((cells - (row, col)) ** 2).sum(axis=1))]
+            assert nearest_set_cell(mask, row, col) == tuple(want)
+    assert nearest_set_cell(np.zeros((3, 3), bool), 1, 1) == (-1, -1)
 
 
 def _map(walls=(), heading=0.0, size=120):

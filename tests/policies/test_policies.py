@@ -13,6 +13,7 @@ from autonerf_lab.policies import WEIGHTS, Frontier, make_policy, weights_sha256
 from autonerf_lab.policies.egocentric import EgocentricInterface, egocentric_shares
 from autonerf_lab.policies.end_to_end import EndToEnd
 from autonerf_lab.policies.information_gain import RAYS, new_views, unknown_area
+from autonerf_lab.policies.interfaces import pooled
 from autonerf_lab.policies.modular import Modular
 from autonerf_lab.policies.weights import read_meta
 from autonerf_lab.scenes import load_scene
@@ -130,6 +131,19 @@ def test_a_finer_map_gives_the_observation_of_the_coarse_map_of_the_training():
     assert obs[0]["near"].any() and obs[0]["far"].any()
     for name in ("near", "far"):
         np.testing.assert_array_equal(obs[0][name], obs[1][name])
+
+
+def test_pooling_is_the_maximum_of_blocks_and_false_outside_the_map():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        size, factor, side = rng.integers(1, (30, 4, 12))
+        top, left = rng.integers(-40, 40, 2)
+        channels = rng.random((2, size, size)) < 0.1
+        around = np.zeros((2, 160, 160), bool)
+        around[:, 60 : 60 + size, 60 : 60 + size] = channels
+        window = around[:, 60 + top : 60 + top + side * factor, 60 + left : 60 + left + side * factor]
+        want = window.reshape(2, side, factor, side, factor).any(axis=(2, 4))
+        np.testing.assert_array_equal(pooled(channels, top, left, side, factor), want)
 
 
 def test_the_hash_of_weights_depends_on_their_content(tmp_path):
