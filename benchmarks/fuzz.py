@@ -10,21 +10,23 @@ A mutant depends only on the seed and its number, so a long run can be divided i
 """
 
 import argparse
-import copy
 import hashlib
 import json
 import os
+import resource
+import signal
 import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fuzz_mutants import mutant
 from fuzz_sources import make_sources
 from PIL import Image
 from stable_baselines3.common.vec_env import VecEnv
@@ -46,6 +48,7 @@ from autonerf_lab.policies import WEIGHTS, load_policy
 from autonerf_lab.policies.spec import make_interface, make_network
 from autonerf_lab.rewards import make_reward
 from autonerf_lab.scenes import export_glb, generate_apartment, import_scene
+from autonerf_lab.scenes.build import build
 from autonerf_lab.scenes.semantics_file import read_semantics
 from autonerf_lab.scenes.spec import dumps, read_spec
 from autonerf_lab.training.checkpoint import CHECKPOINT, read_checkpoint
@@ -57,25 +60,8 @@ from autonerf_lab.types import Score
 from autonerf_lab.utils.resources import peak_gb, reset_peak, resident_gb
 
 MAX_SECONDS, MAX_GB = 2.0, 0.512
-VALUES = [
-    None,
-    True,
-    -1,
-    0,
-    2**31,
-    2**63,
-    10**30,
-    1e308,
-    -0.5,
-    "",
-    "x" * 5000,
-    "../../etc/passwd",
-    [],
-    {},
-    [[]],
-    "\x00",
-]
-NAMES = [value for value in VALUES if isinstance(value, str)]
+HANGING = 10.0  # seconds of CPU time after which a loader is interrupted
+MEMORY = Path("/dev/shm")  # files in memory: opening one on a disk takes longer than most loaders
 
 
 @dataclass(frozen=True)
@@ -86,92 +72,6 @@ class Format:
     file: Path  # valid; mutants take its place
     load: Callable[[], Any]
     after: Callable[[], None] = lambda: None  # called when the mutant is written, before it is loaded
-
-
-def mutate_json(content: Any, rng: np.random.Generator) -> Any:
-    """Replace, remove, add or rename one to three values of JSON in place, and return it."""
-    for _ in range(int(rng.integers(1, 4))):
-        nodes = [node for node in _containers(content) if node]
-        if not nodes:
-            break
-        node = nodes[int(rng.integers(len(nodes)))]
-        keys = list(node) if isinstance(node, dict) else list(range(len(node)))
-        key = keys[int(rng.integers(len(keys)))]
-        kind = int(rng.integers(6))
-        if kind == 0:
-            del node[key]
-        elif kind == 5 and isinstance(node, dict):
-            node[NAMES[int(rng.integers(len(NAMES)))]] = node.pop(key)
-        elif kind == 1 and isinstance(node, dict):
-            node["unexpected"] = copy.deepcopy(node[key])
-        elif kind == 1:
-            node.append(copy.deepcopy(node[key]))
-        elif kind == 2 and isinstance(node[key], int | float):
-            node[key] = node[key] * [10.0, -1, 1e6, 0][int(rng.integers(4))]
-        else:
-            node[key] = copy.deepcopy(VALUES[int(rng.integers(len(VALUES)))])
-    return content
-
-
-def _containers(node: Any) -> Iterator[Any]:
-    if isinstance(node, dict | list):
-        yield node
-        for value in node.values() if isinstance(node, dict) else node[:50]:
-            yield from _containers(value)
-
-
-def mutate_bytes(data: bytes, rng: np.random.Generator) -> bytes:
-    """Return bytes with a few values changed, a part cut, repeated or zeroed."""
-    array, kind = bytearray(data), int(rng.integers(5))
-    start = int(rng.integers(min(len(array), 4096) if rng.random() < 0.5 else len(array)))
-    length = int(rng.integers(1, 64))
-    if kind == 0:
-        for _ in range(int(rng.integers(1, 8))):
-            array[int(rng.integers(len(array)))] = int(rng.integers(256))
-    elif kind == 1:
-        del array[start:]
-    elif kind == 2:
-        array[start:start] = array[start : start + length]
-    elif kind == 3:
-        array[start : start + length] = bytes(length)
-    else:
-        array[start : start + 8] = [b"\xff" * 8, b"\x7f" + b"\xff" * 7, b"9" * 8][int(rng.integers(3))]
-    return bytes(array)
-
-
-def mutant(data: bytes, suffix: str, rng: np.random.Generator) -> bytes:
-    """Return a mutant of a file: of its JSON, of a JSON header, or of its bytes."""
-    if suffix == ".json" and rng.random() < 0.8:
-        return json.dumps(mutate_json(json.loads(data), rng)).encode()
-    if suffix in (".safetensors", ".glb") and rng.random() < 0.6:
-        size, first = (8, 8) if suffix == ".safetensors" else (4, 20)
-        offset = 0 if suffix == ".safetensors" else 12
-        length = int.from_bytes(data[offset : offset + size], "little")
-        header = mutate_json(_with_inner(json.loads(data[first : first + length])), rng)
-        text = json.dumps(_without_inner(header)).encode()
-        return (
-            data[:offset]
-            + len(text).to_bytes(size, "little")
-            + data[offset + size : first]
-            + text
-            + data[first + length :]
-        )
-    return mutate_bytes(data, rng)
-
-
-def _with_inner(header: Any) -> Any:
-    """Parse the package's own header, a JSON text inside the safetensors header."""
-    inner = header.get("__metadata__", {}).get("header")
-    if inner is not None:
-        header["__metadata__"]["header"] = json.loads(inner)
-    return header
-
-
-def _without_inner(header: Any) -> Any:
-    metadata = header.get("__metadata__") if isinstance(header, dict) else None
-    if isinstance(metadata, dict) and isinstance(metadata.get("header"), dict | list):
-        metadata["header"] = json.dumps(metadata["header"])
-    return header
 
 
 class NoWorkers(WorkerPool):
@@ -186,9 +86,27 @@ class NoWorkers(WorkerPool):
         return []
 
 
+def small_spec() -> dict[str, Any]:
+    """Return the specification of an apartment with few objects, and few but different parts of these."""
+    spec = generate_apartment(3).spec
+    assert spec is not None
+    objects = [entry for entry in spec["objects"] if entry["name"] in ("building", "bath tub", "potted plant (palm)")]
+    objects += [next(entry for entry in spec["objects"] if entry["name"] == "curtain")]
+    for entry in objects:
+        different = list({frozenset(part): part for part in entry["parts"]}.values())
+        entry["parts"] = [*entry["parts"][:12], *different] if entry["name"] == "building" else different
+    used = {part["m"] for entry in objects for part in entry["parts"]}
+    materials = {name: material for name, material in spec["materials"].items() if name in used}
+    lights = list({light["kind"]: light for light in spec["lights"]}.values())
+    few = {"rooms": spec["rooms"][:2], "openings": spec["openings"][:2], "lights": lights}
+    return spec | few | {"materials": materials, "objects": objects}
+
+
 def policy_training(folder: Path) -> Callable[[], None]:
     """Write the checkpoint of a policy training with a learned reward; return a function that resumes from it."""
-    settings = settings_of("e2e-cur", environments=1, rollout=4, batch=4, sensor=16)
+    settings = settings_of(
+        "e2e-cur", environments=1, rollout=4, batch=4, sensor=16, network={"kind": "egocentric", "memory": 4}
+    )
     pool = NoWorkers(settings.network)
     fingerprint = {"policy": "e2e-cur", "lr": settings.lr, "scenes": ["train-00"]}
     run = TrainingSession(folder, fingerprint, settings, pool, make_reward("cur"), False, lambda row: None)
@@ -208,10 +126,9 @@ def policy_training(folder: Path) -> Callable[[], None]:
 
 def make_formats(folder: Path) -> list[Format]:
     """Write a valid file of every format."""
-    scene = generate_apartment(3)
-    assert scene.spec is not None
-    (folder / "scene.json").write_text(dumps(scene.spec))
-    export_glb(scene, folder / "home.glb", semantic=True)
+    spec = small_spec()
+    (folder / "scene.json").write_text(dumps(spec))
+    export_glb(build(spec), folder / "home.glb", semantic=True)
     import trimesh
 
     box = trimesh.creation.box((4, 3, 2.5))
@@ -226,7 +143,8 @@ def make_formats(folder: Path) -> list[Format]:
     trajectory.save(folder / "trajectory")
     for name, array in (("rgb", rgb[0]), ("depth", (depth[0] * 1000).astype(np.uint16)), ("classes", classes[0])):
         Image.fromarray(array).save(folder / f"{name}.png")
-    settings = replace(model_spec("semantic-nerfacto").settings["smoke"], steps=2, rays=32, levels=2, log2_entries=8)
+    sizes = {"levels": 2, "log2_entries": 4, "hidden": 8, "proposal_levels": 2, "proposal_log2_entries": 4}
+    settings = replace(model_spec("semantic-nerfacto").settings["smoke"], steps=2, rays=32, far=3.0, **sizes)
     field = fit(trajectory, settings=settings, preset="smoke", progress=False)
     field.save(folder / "field")
     checkpoint.SAVE_EVERY = 0.0
@@ -295,10 +213,18 @@ def make_formats(folder: Path) -> list[Format]:
     ]
 
 
-def _state(path: Path) -> tuple[int, ...] | None:
+class Hanging(BaseException):
+    """A loader does not end."""
+
+
+def _interrupt(*_: object) -> None:
+    raise Hanging(f"after {HANGING:g} s")
+
+
+def _state(path: str) -> tuple[int, ...] | None:
     """Return what changes if a file is written, or None without a file."""
     try:
-        found = path.stat()
+        found = os.stat(path)
     except OSError:
         return None
     return found.st_ino, found.st_size, found.st_mtime_ns
@@ -315,19 +241,21 @@ def _cpu_seconds(form: Format) -> float:
 def attack(form: Format, mutants: int, first: int, seed: int) -> dict[str, Any]:
     """Load the mutants of one format."""
     valid = form.file.read_bytes()
-    companions = {p: p.read_bytes() for p in form.file.parent.glob("*") if p.is_file() and p.stat().st_size < 4 << 20}
-    companions.pop(form.file, None)
+    beside = [path for path in form.file.parent.glob("*") if path.is_file() and path != form.file]
+    companions = {str(path): path.read_bytes() for path in beside if path.stat().st_size < 4 << 20}
     states = {path: _state(path) for path in companions}
     violations: Counter[str] = Counter()
     examples: dict[str, int] = {}
     slowest, refused = 0.0, 0
     reset_peak()
     base, began = resident_gb(os.getpid()), time.process_time()
+    signal.signal(signal.SIGPROF, _interrupt)
     for index in range(first, first + mutants):
         rng = np.random.default_rng([seed, index])
         form.file.write_bytes(mutant(valid, form.file.suffix, rng))
         form.after()
         started, found = time.perf_counter(), None
+        signal.setitimer(signal.ITIMER_PROF, HANGING)
         try:
             form.load()
         except AutoNerfError:
@@ -336,11 +264,13 @@ def attack(form: Format, mutants: int, first: int, seed: int) -> dict[str, Any]:
             if isinstance(error, KeyboardInterrupt):
                 raise
             found = f"{type(error).__name__}: {str(error)[:80]}"
+        signal.setitimer(signal.ITIMER_PROF, 0)
         seconds = time.perf_counter() - started
         if found is None and seconds > MAX_SECONDS and (seconds := _cpu_seconds(form)) > MAX_SECONDS:
             found = "slow"
         slowest = max(slowest, seconds)
-        if found is None and (peak_gb() or 0) - base > MAX_GB:
+        largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # of the whole process: quick to ask
+        if found is None and largest - base > MAX_GB and (peak_gb() or 0) - base > MAX_GB:
             found = "memory"
             reset_peak()
         if found:
@@ -348,7 +278,7 @@ def attack(form: Format, mutants: int, first: int, seed: int) -> dict[str, Any]:
             examples.setdefault(found, index)
         for path, data in companions.items():
             if _state(path) != states[path]:
-                path.write_bytes(data)
+                Path(path).write_bytes(data)
                 states[path] = _state(path)
     form.file.write_bytes(valid)
     row = {"format": form.name, "mutants": mutants, "refused": refused, "violations": sum(violations.values())}
@@ -370,7 +300,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="100 mutants per format.")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
         forms = [*make_formats(Path(folder)), *(Format(*entry) for entry in make_sources(Path(folder) / "sources"))]
         only = arguments.only.split(",") if arguments.only else [form.name for form in forms]
         mutants = 100 if arguments.quick else arguments.mutants

@@ -3,6 +3,7 @@
 Functions take ``where``, the file or frame that an error message names.
 """
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -280,7 +281,5 @@ def read_rigid_pose(matrix: object, where: object) -> np.ndarray:
 
 
 def _find(file: Path) -> Path | None:
-    try:
-        return next((f for f in (file, *(Path(f"{file}{end}") for end in _EXTENSIONS)) if f.is_file()), None)
-    except OSError:  # the name is too long
-        return None
+    # False for a name that is too long, where Path.is_file raises
+    return next((f for f in (file, *(Path(f"{file}{end}") for end in _EXTENSIONS)) if os.path.isfile(f)), None)

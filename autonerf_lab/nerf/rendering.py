@@ -17,6 +17,7 @@ LOG_SIGMA_START = -2.5
 OPAQUE = 1e-2  # transmittance below which a ray may stop
 MAX_LOG_SIGMA = 9.6  # upper limit of the log density
 SMALLEST = 1e-12  # smallest divisor
+MAX_ERROR = 1e3  # metres; larger errors of a signed distance count linearly: the square could exceed float32
 
 
 def density_from_raw(raw: torch.Tensor) -> torch.Tensor:
@@ -159,6 +160,7 @@ def surface_loss(
 
     At a distance x behind the surface the density should be ``surface_density * exp(sharpness * x)``, but at least
     ``free_density``; lower densities in free space are no error. Bins further behind than ``behind`` are not compared.
+    Errors above :data:`MAX_ERROR` count linearly.
 
     Args:
         raw: (R, S) outputs that :func:`density_from_raw` converts.
@@ -171,7 +173,8 @@ def surface_loss(
     free = math.log(settings.free_density)
     error = (raw + LOG_SIGMA_START - wanted.clamp(min=free)) / settings.sharpness
     compared = (depth[:, None] > 0) & (behind <= settings.behind) & ((wanted > free) | (error > 0))
-    return (torch.where(compared, error, 0) ** 2 / 2).sum(dim=1)  # the square of others may be infinite
+    error = torch.where(compared, error, 0)
+    return torch.nn.functional.huber_loss(error, torch.zeros_like(error), "none", delta=MAX_ERROR).sum(dim=1)
 
 
 def distortion_loss(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor, turn: float) -> torch.Tensor:

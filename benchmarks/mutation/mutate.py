@@ -146,7 +146,8 @@ def _prepare(copy: Path) -> None:
             shutil.copytree(source, copy / name, ignore=ignored)
         else:
             shutil.copy(source, copy)
-    (copy / "data").symlink_to(ROOT / "data")
+    for name in ("data", "benchmarks/results"):  # large, and only read
+        (copy / name).symlink_to(ROOT / name)
     sys.path.insert(0, str(copy))
     os.environ |= {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(copy / "numba"), "MPLBACKEND": "Agg"}
     for module in PRELOADED:

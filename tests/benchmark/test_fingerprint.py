@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from autonerf_lab.benchmark import Grid
+from autonerf_lab.benchmark import Grid, fingerprint
 from autonerf_lab.benchmark.fingerprint import differences, find_conflict, grid_fingerprint
 from autonerf_lab.benchmark.results import load_results
 from autonerf_lab.nerf import models
 from autonerf_lab.policies import weights_sha256
+from autonerf_lab.presets import preset
 
 GRID = Grid(("random", "modular-obs"), ("dev-0",), 1, ("semantic-nerfacto", "instant-ngp"), preset="smoke")
 COMMITTED = Path(__file__).parents[2] / "benchmarks/results"
@@ -35,6 +36,21 @@ def test_parts_without_content_are_left_out() -> None:
     assert list(found["settings"]) == ["semantic-nerfacto"] and list(found["scene_files"]) == ["dev-0"]
     assert list(found["weights"]) == ["modular-obs"] and list(found["sizes"]) == ["smoke"]
     assert grid_fingerprint(grid, lpips="12")["weights"] == {**found["weights"], "LPIPS": "12"}
+
+
+def test_sizes_of_the_finetuning_count_if_the_grid_has_this_task(monkeypatch: pytest.MonkeyPatch) -> None:
+    grids = GRID, replace(GRID, optional=("finetuning",))
+    before = [grid_fingerprint(grid)["sizes"]["smoke"] for grid in grids]
+    changed = replace(preset("smoke"), finetuning_frames=123)
+    monkeypatch.setattr(fingerprint, "preset", lambda name: changed)
+    after = [grid_fingerprint(grid)["sizes"]["smoke"] for grid in grids]
+    assert before[0] == after[0] and before[1] != after[1] and before[0] != before[1]
+
+
+def test_the_order_of_settings_does_not_matter() -> None:
+    one, other = {"a": 1, "b": {"c": 2, "d": 3}}, {"b": {"d": 3, "c": 2}, "a": 1}
+    assert fingerprint._settings_sha256(one) == fingerprint._settings_sha256(other)
+    assert fingerprint._settings_sha256(one) != fingerprint._settings_sha256({"a": 1, "b": {"c": 3, "d": 2}})
 
 
 def test_differences_of_names_come_before_those_of_contents() -> None:

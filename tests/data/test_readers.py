@@ -202,6 +202,7 @@ def change(path: str, old: str, new: str) -> Callable[[Path], None]:
     [
         ("tum", change("rgb.txt", "rgb/0.png", "../0.png"), r"rgb\.txt: line 2: 'rgb\.txt' is outside"),
         ("tum", change("rgb.txt", "rgb/0.png", "rgb/gone.png"), r"line 2: 'rgb/gone\.png' does not exist"),
+        ("tum", change("rgb.txt", "rgb/0.png", "x" * 5000), r"line 2: 'x+' does not exist"),
         ("tum", change("groundtruth.txt", "0 0 0 1", "0 0 1 1"), r"groundtruth\.txt: line 3: .*not a unit quaternion"),
         ("tum", change("groundtruth.txt", "9 9 9", "9 nan 9"), r"line 3 must have 8 finite numbers"),
         ("tum", lambda folder: write(folder / "groundtruth.txt", "1 0 0 0 0 0 0 1"), r"no image of rgb\.txt has a"),
@@ -214,6 +215,7 @@ def change(path: str, old: str, new: str) -> Callable[[Path], None]:
         ("record3d", lambda folder: (folder / "rgb/3.png").unlink(), r"has 4 poses, but rgb/ has 3 images"),
         ("colmap-text", change("sparse/0/cameras.txt", "PINHOLE", "FOV"), r"line 2: the camera model 'FOV' is not one"),
         ("colmap-text", change("sparse/0/cameras.txt", "1 PINHOLE", "2 PINHOLE"), r"has the camera 1, which does not"),
+        ("colmap-text", change("sparse/0/images.txt", "view 3", "x" * 5000), r"x+\.png does not exist; put the phot"),
         ("colmap-text", change("sparse/0/images.txt", "view 3", "../view 3"), r"is outside the folder"),
         ("colmap-text", lambda folder: (folder / "images/view 2.png").unlink(), r"view 2\.png does not exist; put"),
         ("blender", lambda folder: (folder / "val/r_2.png").unlink(), r"transforms_val\.json: '.*r_2' does not"),

@@ -1,6 +1,8 @@
 """Coverage of a trajectory, compared with everything that is visible."""
 
+import inspect
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,6 +26,19 @@ def sim() -> Simulator:
 @pytest.fixture(scope="module")
 def visible(sim):
     return visible_map(sim, POSES, seed=0)
+
+
+def test_the_map_extends_one_metre_beyond_the_scene():
+    """A scene of 6 x 4 m around (5, 3): 8 m in cells of 5 cm, so the corner is at (1, -1)."""
+    scene = SimpleNamespace(bounds=np.array([[2.0, 1.0, 0.0], [8.0, 5.0, 2.5]]))
+    blank = visible_map(SimpleNamespace(scene=scene, intrinsics=Intrinsics.from_fov(8, 8)), poses=0)
+    assert blank.explored.shape == (160, 160) and not blank.explored.any()
+    np.testing.assert_allclose(blank.origin, [1, -1], atol=1e-9)
+
+
+def test_the_visible_map_of_the_protocol_has_2000_poses_of_seed_0():
+    parameters = inspect.signature(visible_map).parameters
+    assert (parameters["poses"].default, parameters["seed"].default) == (2000, 0)
 
 
 def trajectory_of(sim: Simulator, poses: list[np.ndarray]) -> Trajectory:

@@ -1,5 +1,6 @@
 """Rendering: metrics computed by hand and compared with other libraries."""
 
+import flip_evaluator
 import numpy as np
 import pytest
 import torch
@@ -96,6 +97,29 @@ def flat_view(depth, color=128, semantics=None, size=12):
 def flat_image(depth, color=128 / 255, semantics=None, size=12):
     rgb = np.full((size, size, 3), color, np.float32)
     return Rendering(rgb, np.resize(np.float32(depth), (size, size)), semantics, np.ones((size, size), np.float32))
+
+
+def test_flip_has_the_viewing_distance_of_its_authors(pair):
+    image, target = pair
+    assert flip(image, target)[0] == pytest.approx(float(flip_evaluator.evaluate(target, image, "LDR")[1]), abs=1e-6)
+
+
+def test_rendered_colours_beyond_their_range_are_black_and_white():
+    """Colours of -0.5 and 1.5 are as good as 0 and 1, and are stored as 0 and 255."""
+    images, views = [flat_image([1.0], color=c) for c in (-0.5, 1.5)], [flat_view(None, color=c) for c in (0, 255)]
+    result = evaluate_rendering(Fixed(*images), views)
+    np.testing.assert_allclose(result.artifact["psnr"], 58.9, atol=0.05)
+    assert [int(stored["rgb"].min()) for stored in result.artifact["images"]] == [0, 255]
+    assert [int(stored["rgb"].max()) for stored in result.artifact["images"]] == [0, 255]
+
+
+def test_images_need_not_be_square():
+    """Of 12 x 16 pixels, a fourth of the surfaces is 1 m too far: the median error is 0."""
+    depth = np.full((12, 16), 2.0, np.float32)
+    rgb, far = np.full((12, 16, 3), 128, np.uint8), depth + (np.arange(16) < 4)
+    image = Rendering(rgb.astype(np.float32) / 255, far, None, np.ones((12, 16), np.float32))
+    view = TargetView(np.eye(4), Intrinsics.from_fov(16, 12), rgb, depth, None)
+    assert evaluate_rendering(Fixed(image), [view]).values["depth_median_error_m"] == 0
 
 
 def test_the_depth_error_is_the_median_of_absolute_errors():

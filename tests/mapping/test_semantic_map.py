@@ -5,7 +5,15 @@ from toy_scene import empty_room, two_rooms
 from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import Intrinsics, planar_pose, world_to_cell
 from autonerf_lab.mapping import Mapper, empty_map, semantic_map, update
-from autonerf_lab.mapping.semantic_map import GROWTH
+from autonerf_lab.mapping.semantic_map import (
+    AGENT_RADIUS,
+    FAR,
+    GROWTH,
+    NEAR,
+    OBSTACLE_MIN,
+    OBSTACLE_OVER_CAMERA,
+    VIEWPOINT_BINS,
+)
 from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Observation
@@ -67,6 +75,53 @@ def test_a_pixel_is_projected_with_both_focal_lengths_and_the_principal_point():
     after = update(empty_map(seen.pose), seen, camera)
     assert np.argwhere(after.occupied).tolist() == [list(_at(after, 2.01, -0.49))]
     assert np.argwhere(after.semantics)[:, 0].tolist() == [14]
+
+
+def _naive_update(start, seen, camera):
+    """Update the channels of a map cell by cell, without the box that limits the work of the kernel."""
+    found = {name: getattr(start, name).copy() for name in ("occupied", "explored", "visited", "semantics")}
+    found["viewpoints"], size = start.viewpoints.copy(), len(start.explored)
+    eye, ahead, right = seen.pose[:3, 3], -seen.pose[:2, 2], seen.pose[:2, 0]
+    hit, reach = set(), np.zeros(camera.width)
+    for v, u in np.ndindex(seen.depth.shape):
+        d, up = float(seen.depth[v, u]), (camera.cy - v - 0.5) / camera.fl_y
+        if d >= NEAR and up <= 0:
+            reach[u] = max(reach[u], min(d, FAR))
+        point = eye[:2] + d * ahead + d * (u + 0.5 - camera.cx) / camera.fl_x * right
+        col, row = np.floor((point - start.origin) / start.cell).astype(int)
+        if NEAR <= d <= FAR and min(row, col) >= 0 and max(row, col) < size:
+            hit.add((row, col))
+            if OBSTACLE_MIN <= eye[2] + d * up <= eye[2] + OBSTACLE_OVER_CAMERA:
+                found["occupied"][row, col] = True
+                if seen.semantics[v, u]:
+                    found["semantics"][seen.semantics[v, u] - 1, row, col] = True
+    for row, col in np.ndindex(size, size):
+        offset = start.origin + (np.array([col, row]) + 0.5) * start.cell - eye[:2]
+        if offset @ offset <= AGENT_RADIUS**2:
+            found["visited"][row, col] = found["explored"][row, col] = True
+        forward = offset @ ahead
+        u = camera.fl_x * (offset @ right) / forward + camera.cx - 0.5
+        between = 0 < forward <= FAR and 0 <= u < camera.width - 1 and forward <= reach[int(u) : int(u) + 2].min()
+        if between or (row, col) in hit:
+            found["explored"][row, col] = True
+            angle = np.arctan2(-offset[1], -offset[0]) % (2 * np.pi)
+            found["viewpoints"][int(angle / (2 * np.pi) * VIEWPOINT_BINS), row, col] = True
+    return found
+
+
+@pytest.mark.parametrize("heading", [0.3, 1.4, 2.6, 3.5, 4.7, 6.1])
+def test_an_update_equals_a_naive_one(heading):
+    """A camera that is not symmetric, any depths, and a map of 4 m whose border they cross."""
+    rng = np.random.default_rng(int(10 * heading))
+    camera = Intrinsics(20, 40, 12.0, 14.0, 7.0, 22.0)
+    depth = rng.uniform(0.4, 6.0, (40, 20)).astype(np.float32) * (rng.random((40, 20)) < 0.9)
+    labels = rng.integers(0, 16, (40, 20), dtype=np.uint8)
+    pose = planar_pose(0.52, -0.33, heading)
+    seen = Observation(np.zeros((40, 20, 3), np.uint8), depth, labels, pose)
+    start = empty_map(planar_pose(0.3, -0.1, 0.0), size=80)
+    found = update(start, seen, camera)
+    for name, wanted in _naive_update(start, seen, camera).items():
+        np.testing.assert_array_equal(getattr(found, name), wanted, err_msg=name)
 
 
 @pytest.mark.parametrize("heading", [0.0, np.pi / 2, np.pi, -np.pi / 2])

@@ -21,7 +21,7 @@ from autonerf_lab.nerf.kernels import (
 )
 from autonerf_lab.nerf.kernels.adam import SERIAL_SIZE, adam
 from autonerf_lab.nerf.kernels.tiling import TILE_RAYS
-from autonerf_lab.nerf.models import model_spec
+from autonerf_lab.nerf.models import MODELS, model_spec
 from autonerf_lab.nerf.optimizer import Adam
 from autonerf_lab.nerf.pose_offsets import PoseOffsets
 from autonerf_lab.nerf.ray_batch import Rays, Targets, TrainOutput, to_numpy
@@ -29,6 +29,8 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import SurfaceSettings
 
 SETTINGS = SurfaceSettings()
+SMALL = {"samples": 8, "levels": 4, "log2_entries": 8, "hidden": 16}  # sizes of the models, where they have them
+SMALL |= {"layers": 3, "skip": 1, "width": 16, "coarse_samples": 8, "fine_samples": 8}
 SAMPLES, SEEDS = 16, range(8)
 TINY = np.float32([0, 1e-45, 1e-40, 1.2e-38, 1e-20, 1e-12, 1e-7])  # zero, denormal and small values
 NETWORK = np.concatenate([TINY, np.float32([1, 80, 90, 1e4, 1e10, 1e20, 1e30, 1e38])])  # outputs of a network
@@ -86,7 +88,7 @@ def losses_along_a_ray(rng):
     spread = volume_rendering.distortion(edges[:-1], edges[1:], weights, turn, np.float32(1e6), d_weights)
     fine, d_proposal = histogram(rng, 1)[0], np.empty(SAMPLES, np.float32)
     bound = volume_rendering.interlevel(edges, weights, bins(rng, 1)[0], fine, np.float32(1e6), d_proposal)
-    raw, d_raw = draw(rng, NETWORK[:-3], SAMPLES), np.zeros(SAMPLES, np.float32)  # the error is squared
+    raw, d_raw = draw(rng, NETWORK[:-1], SAMPLES), np.zeros(SAMPLES, np.float32)
     depth = np.float32(rng.choice([1e-45, 1e-7, 0.5, 65.5, 1e6]))
     error = volume_rendering.surface_error(raw, edges[:-1], edges[1:], depth, PROFILE, np.float32(1), d_raw)
     return np.float64([spread, bound, error]), d_weights, d_proposal, d_raw
@@ -211,7 +213,7 @@ def test_kernels(kernel):
 
 def volume(rng):
     """Functions of autonerf_lab.nerf.rendering with their gradients, in the order of a training step."""
-    raw = tensor(draw(rng, NETWORK[:-3], 4, SAMPLES))
+    raw = tensor(draw(rng, NETWORK[:-1], 4, SAMPLES))
     edges = torch.from_numpy(bins(rng, 4))
     starts, ends = edges[:, :-1], edges[:, 1:]
     turn = float(rng.choice([1e-12, 4.0, 1e6]))
@@ -267,29 +269,56 @@ def test_torch_reference(function):
             assert np.isfinite(to_numpy(values)).all(), (function.__name__, seed, k)
 
 
-@pytest.mark.parametrize("name", ["semantic-nerfacto", "instant-ngp", "semantic-nerfacto-rgbd"])
-@pytest.mark.parametrize("device", [None, "cpu"])
-def test_whole_step(name, device):
-    """Kernels and torch: a network of any output between 1e-45 and 1e9 has finite losses, gradients and images."""
-    settings = replace(model_spec(name).settings["smoke"], samples=8, levels=4, log2_entries=8, hidden=16)
+@pytest.fixture(params=[(name, device) for name in MODELS for device in (None, "cpu")], ids=str)
+def batch(request):
+    """A small model of each kind, with kernels and with torch, and a batch of rays with extreme values."""
+    name, device = request.param
+    spec = model_spec(name)
+    small = {key: value for key, value in SMALL.items() if hasattr(spec.settings["smoke"], key)}
+    settings = replace(spec.settings["smoke"], **small)
     box = SceneBox(np.zeros(3, np.float32), np.ones(3, np.float32), 0.25)
-    model = model_spec(name).build(settings, box, 3, 16, np.random.default_rng(0), device)
+    model = spec.build(settings, box, 3, 16, np.random.default_rng(0), device)
     rng = np.random.default_rng(1)
     directions = rng.normal(size=(32, 3)).astype(np.float32)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     rays = Rays(draw(rng, NETWORK[:9], 32, 3), directions, rng.integers(3, size=32))
     depth = draw(rng, np.float32([0, 1e-45, 0.5, 65.5, 1e6]), 32, signed=False)
-    targets = Targets(draw(rng, np.float32([0, 1e-45, 1]), 32, 3, signed=False), rng.integers(-1, 16, 32), depth)
-    for scale in (0.0, 1e-45, 1e-3, 1e3):
-        for value in model.parameters.values():
-            found = to_numpy(value)
-            found[...] = rng.choice([-1, 1], found.shape) * np.float32(scale)
-        gradients, losses = model.train_step(rays, targets, rng)
-        assert all(np.isfinite(loss) for loss in losses.values()), (scale, losses)
-        for key, value in gradients.items():
-            assert np.isfinite(to_numpy(value)).all(), (scale, key)
-        for value in model.render_rays(rays.origins, rays.directions):
-            assert np.isfinite(value).all(), scale
+    color = draw(rng, np.float32([0, 1e-45, 1]), 32, 3, signed=False)
+    return model, rays, Targets(color, rng.integers(-1, 16, 32), depth)
+
+
+def check_step(model, rays, targets, what):
+    """A training step and a rendering have finite losses, gradients and images."""
+    gradients, losses = model.train_step(rays, targets, np.random.default_rng(2))
+    assert all(np.isfinite(loss) for loss in losses.values()), (what, losses)
+    for key, value in gradients.items():
+        assert np.isfinite(to_numpy(value)).all(), (what, key)
+    for value in model.render_rays(rays.origins, rays.directions):
+        assert np.isfinite(value).all(), what
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-45, 1e-3, 1e3])
+def test_whole_step_with_all_parameters_extreme(batch, scale):
+    model, rays, targets = batch
+    rng = np.random.default_rng(1)
+    for value in model.parameters.values():
+        found = to_numpy(value)
+        found[...] = rng.choice([-1, 1], found.shape) * np.float32(scale)
+    check_step(model, rays, targets, scale)
+
+
+def test_whole_step_with_one_layer_extreme(batch):
+    """Features, densities, colours and logits are extreme in turn: each array of the model drives its outputs."""
+    model, rays, targets = batch
+    rng = np.random.default_rng(1)
+    for name, value in model.parameters.items():
+        found = to_numpy(value)
+        initial, mixed = found.copy(), rng.choice([-1, 1], found.shape)
+        for scale in (0, 1e4, -1e4, 1e30, -1e30):
+            for signs in (1, mixed):
+                found[...] = signs * np.float32(scale)
+                check_step(model, rays, targets, (name, scale, signs))
+        found[...] = initial
 
 
 def test_pose_offsets():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from autonerf_lab.nerf.fields.hash_field import HashField, build_grid
+from autonerf_lab.nerf import rendering
+from autonerf_lab.nerf.fields.hash_field import HashField, build_grid, surface_profile
 from autonerf_lab.nerf.fields.torch_field import RenderedTensors
 from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
 from autonerf_lab.nerf.kernels import dense, volume_rendering
@@ -140,6 +141,20 @@ def test_surface_error_by_hand() -> None:
     np.testing.assert_allclose(d_raw, [2 * 3.5 / 100**2, -2 * 2.5 / 100**2, 0], rtol=1e-4)
     raw[0] = -5 - LOG_SIGMA_START  # emptier than asked for
     assert surface_error(raw[:1], starts, ends, np.float32(1), profile, np.float32(2), d_raw) == 0
+
+
+def test_large_surface_errors_count_linearly() -> None:
+    """An error of 5000 m, by kernel and torch: 1000 (5000 - 1000 / 2), with the gradient of an error of 1000 m."""
+    settings = replace(SETTINGS, surface_density=1.0, sharpness=100.0)
+    raw, starts, ends = np.float32([5e5]) - LOG_SIGMA_START, np.float32([1.0]), np.float32([1.0])
+    d_raw = np.zeros(1, np.float32)
+    profile = surface_profile(settings)
+    assert surface_error(raw, starts, ends, np.float32(1), profile, np.float32(1), d_raw) == pytest.approx(4.5e6)
+    tensor, edge = torch.from_numpy(raw[None]).requires_grad_(), torch.ones(1, 1)
+    loss = rendering.surface_loss(tensor, edge, edge, torch.ones(1), settings)
+    assert loss.item() == pytest.approx(4.5e6)
+    loss.backward()
+    assert d_raw[0] == pytest.approx(10) == tensor.grad.item()
 
 
 def test_rendering_agrees_with_the_reference() -> None:

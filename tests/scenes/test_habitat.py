@@ -121,6 +121,7 @@ SCENE, CHAIR = "configs/scenes/home.scene_instance.json", "configs/objects/8d3f.
         (CHAIR, {"scale": [1, -1, 1]}, r"object_instances\[0\]: 'scale' .*mirrored"),
         (CHAIR, {"units_to_meters": 0.01}, r"differ in 'units_to_meters': 1 .*0\.01"),
         (CHAIR, {"render_asset": "gone.glb"}, r"object_instances\[0\]: 'render_asset'"),
+        (CHAIR, {"render_asset": "x" * 5000}, r"object_instances\[0\]: 'render_asset' 'x+' does not exist"),
         (CHAIR, {"render_asset": "../../../a.glb"}, r"is outside"),
         (CHAIR, {"render_asset": "8d3f.object_config.json"}, r"object_instances\[0\]: 'render_asset' .*is not a mesh"),
         (CHAIR, {"render_asset": "../scenes/home.scene_instance.json"}, r"\[0\]: 'render_asset' .*is not a mesh"),
@@ -128,6 +129,7 @@ SCENE, CHAIR = "configs/scenes/home.scene_instance.json", "configs/objects/8d3f.
         (CHAIR, {"up": [0, 1, 0], "front": [0, 1, 0]}, r"must be orthogonal"),
         ("configs/stages/room.stage_config.json", {"render_asset": None}, r"room\.stage_config\.json is not as"),
         ("toy.scene_dataset_config.json", {"paths": {".json": ["../.."]}}, r"'paths': '\.\./\.\.' is outside"),
+        ("toy.scene_dataset_config.json", {"paths": {".json": ["x" * 5000]}}, r"'paths': 'x{80}' is not a"),
     ],
 )  # fmt: skip
 def test_damaged_composites_are_refused(tmp_path: Path, file: str, change: dict[str, Any], message: str) -> None:

@@ -30,7 +30,7 @@ from autonerf_lab.utils.storage import (
 
 def test_a_reader_keeps_the_old_file_while_a_new_one_takes_its_place(tmp_path: Path) -> None:
     """A file that is written in place would change, or be half written, under an open reader."""
-    path = tmp_path / "folder/scores.json"
+    path = tmp_path / "two/folders/scores.json"
     write_bytes(path, b"old content")
     with path.open("rb") as reader:
         write_bytes(path, b"new")

@@ -4,6 +4,7 @@ Source: the documentation of COLMAP's output format. Points are not read. The ma
 ``masks/NAME.png``, as in COLMAP: black pixels of the mask are not used.
 """
 
+import os
 import struct
 from pathlib import Path
 
@@ -69,7 +70,7 @@ def read_colmap(folder: Path, model: Path | None = None) -> PosedFrames:
         if camera_id not in cameras:
             raise DataError(f"{where}: {name[:80]!r} has the camera {camera_id}, which does not exist")
         files.append(place / read_path(name, "image name", where))
-        if not files[-1].is_file():
+        if not os.path.isfile(files[-1]):
             raise DataError(f"{where}: {files[-1]} does not exist; put the photographs into {folder / 'images'}")
         poses.append(opencv_pose(np.linalg.inv(world_to_camera), where))
         found.append(cameras[camera_id])
@@ -81,7 +82,7 @@ def read_colmap(folder: Path, model: Path | None = None) -> PosedFrames:
         files,
         [fit_camera(camera, file) for (camera, _), file in zip(found, files, strict=True)],
         {"format": "COLMAP"},
-        masks=[mask if mask.is_file() else None for mask in masks] if (folder / "masks").is_dir() else None,
+        masks=[mask if os.path.isfile(mask) else None for mask in masks] if (folder / "masks").is_dir() else None,
         lenses=lenses if any(lenses) else None,
     )
 

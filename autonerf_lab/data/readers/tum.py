@@ -5,6 +5,7 @@ Source: Sturm et al. 2012 and the file formats of its web page. Depth has 5000 s
 freiburg1, 2 or 3 in the name of the folder, else that of ROS.
 """
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,7 @@ def _stamped(folder: Path, name: str) -> tuple[np.ndarray, list[Path]]:
             raise DataError(f"{where} must be a time stamp and a file, not {line[:80]!r}")
         stamps += numbers(words[:1], 1, where)
         files.append(folder / read_path(words[1], name, where))
-        if not files[-1].is_file():
+        if not os.path.isfile(files[-1]):
             raise DataError(f"{where}: {words[1][:120]!r} does not exist")
     if not files:
         raise DataError(f"{folder / name} lists no file")

@@ -18,6 +18,7 @@ from autonerf_lab.nerf.kernels.tiling import ONE, SMALLEST, ZERO
 # the walls.
 LOG_SIGMA_START = np.float32(-2.5)
 MAX_LOG_SIGMA = np.float32(9.6)  # upper limit of the log density, so that float32 stays finite
+MAX_ERROR = np.float32(1e3)  # metres; larger errors of a signed distance count linearly
 
 
 class SurfaceProfile(NamedTuple):
@@ -134,7 +135,7 @@ def surface_error(raw, starts, ends, depth, surface, scale, d_raw):
 
     At a distance x behind a measured surface the log density should be ``surface.log_density + surface.sharpness x``,
     but at least ``surface.log_free``; lower values in free space are no error. Bins further than ``surface.behind``
-    behind the surface are not compared.
+    behind the surface are not compared. Errors above ``MAX_ERROR`` count linearly.
 
     Args:
         raw: (S,) first outputs of a density network (log density).
@@ -152,8 +153,9 @@ def surface_error(raw, starts, ends, depth, surface, scale, d_raw):
         wanted = surface.log_density + surface.sharpness * behind
         error = (raw[i] + LOG_SIGMA_START - max(wanted, surface.log_free)) / surface.sharpness
         if wanted > surface.log_free or error > ZERO:
-            total += np.float32(0.5) * error * error
-            d_raw[i] += scale * error / surface.sharpness
+            bounded = min(max(error, -MAX_ERROR), MAX_ERROR)
+            total += bounded * (error - np.float32(0.5) * bounded)
+            d_raw[i] += scale * bounded / surface.sharpness
     return total
 
 

@@ -5,6 +5,7 @@ the translation and rotation of its instance. Without ``up``, a stage in a GLB f
 object y up and -z to the front, as in habitat-sim.
 """
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +111,7 @@ def _load_asset(
 ) -> tuple[list[dict[str, Any]], str]:
     """Load the mesh of a stage or object, in the frame of its file, with the rotation into Habitat's frame."""
     file = dataset.inside(folder, asset.render_asset, f"{where}: 'render_asset'")
-    if not file.is_file():
+    if not os.path.isfile(file):  # False for a name that is too long, where Path.is_file raises
         raise SceneError(f"{where}: 'render_asset' {asset.render_asset[:120]!r} does not exist in {folder}")
     if file.suffix.lower() not in FORMATS:  # such as a configuration, which could contain itself
         formats = ", ".join(sorted(FORMATS))

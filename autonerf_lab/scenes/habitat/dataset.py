@@ -90,7 +90,7 @@ class HabitatDataset:
         base, folder = {}, self.path.parent
         if entry.original_file is not None:
             file = self.inside(folder, entry.original_file, f"{self.path}: 'original_file'")
-            if not file.is_file():
+            if not os.path.isfile(file):
                 raise SceneError(f"{self.path}: 'original_file' {entry.original_file[:120]!r} does not exist")
             base = read_record(file, dict[str, Any])
             folder = folder if "render_asset" in entry.attributes else file.parent
@@ -154,10 +154,11 @@ class HabitatDataset:
             try:
                 found = [place] if place == self.root else sorted(self.root.glob(str(place.relative_to(self.root))))
             except (ValueError, NotImplementedError, OSError, IndexError) as error:
-                raise SceneError(f"{self.path}: 'paths': {pattern[:80]!r} is not a pattern: {error}") from error
+                reason = f"{pattern[:80]!r} is not a pattern: {str(error)[:80]}"
+                raise SceneError(f"{self.path}: 'paths': {reason}") from error
             for place in found:
-                for file in sorted(place.glob(f"*{ending}")) if place.is_dir() else [place]:
-                    if file.name.endswith(ending) and file.is_file() and (count := count + 1) <= MAX_FILES:
+                for file in sorted(place.glob(f"*{ending}")) if os.path.isdir(place) else [place]:
+                    if file.name.endswith(ending) and os.path.isfile(file) and (count := count + 1) <= MAX_FILES:
                         yield file
 
 
