@@ -157,6 +157,8 @@ class Frontier:
         assert self._given_up is not None
         frontier = reachable_frontier(map, distance) & ~self._given_up
         top, bottom, left, right = bounding_box(frontier)
+        if bottom == 0:  # everything in reach is explored
+            return None
         labels, _ = ndimage.label(frontier[top:bottom, left:right], np.ones((3, 3)))
         best: Target | None = None
         reachable = np.isfinite(distance)
