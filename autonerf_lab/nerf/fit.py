@@ -36,6 +36,7 @@ MAX_RETRIES = 3  # returns before the training stops
 SNAPSHOT_EVERY = 250  # steps
 SEEN_REACH = 8.0  # largest distance that counts as seen in photographs, units of the field
 FAR_AWAY = 1000.0  # end of the rays of photographs, units of the field
+RANDOM_LABELS = {"noisy", "NoisyLabels"}  # segmenters whose errors do not depend on the distance
 
 
 def learning_rate(share: float, settings: Settings) -> float:
@@ -174,6 +175,8 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
         )
     if settings.floor_weight and not drove_here(data):
         settings = replace(settings, floor_weight=0.0)
+    if data.meta.get("semantics") in RANDOM_LABELS:
+        settings = replace(settings, label_distance=0.0)
     if data.confidences is not None and settings.label_distance:
         settings = replace(settings, rays_by_class=0.0)  # many of the rare predicted labels are wrong
     if data.metric:

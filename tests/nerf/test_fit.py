@@ -18,6 +18,7 @@ from autonerf_lab.errors import (
     TrainingError,
     UnknownNameError,
 )
+from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, camera_rays
 from autonerf_lab.nerf import NeRF, checkpoint, fit, load_nerf
 from autonerf_lab.nerf.model import Model
@@ -287,6 +288,15 @@ def test_log_dir_without_tensorboard_names_the_extra(
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     with pytest.raises(MissingPackageError, match=r"autonerf-lab\[training\]"):
         fit(trajectory, settings=replace(SETTINGS_SMALL, steps=1), preset="smoke", progress=False, log_dir=tmp_path)
+
+
+@pytest.mark.parametrize("source, distance, by_class", [("predicted", 1.0, 0.0), ("noisy", 0.0, 0.2)])
+def test_errors_of_noisy_labels_do_not_depend_on_the_distance(source: str, distance: float, by_class: float) -> None:
+    sim = Simulator(two_rooms(), Intrinsics.from_fov(16, 16), supersample=1, semantics=source)
+    episode = explore(sim, "random", steps=10, progress=False)
+    settings = replace(model_spec("instant-ngp-rgbd").settings["smoke"], steps=1, label_distance=1.0)
+    found = fit(episode, "instant-ngp-rgbd", settings=settings, progress=False).model.settings
+    assert (found.label_distance, found.rays_by_class) == (distance, by_class)
 
 
 def test_cuda_trains_what_the_cpu_trains(trajectory: Trajectory) -> None:
