@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-TEXTS = ["", "x" * 5000, "../../etc/passwd", "\x00"]
-VALUES = [None, True, -1, 0, 2**31, 2**63, 10**30, 1e308, -0.5, *TEXTS[:3], [], {}, [[]], TEXTS[3]]
+VALUES = [None, True, -1, 0, 2**31, 2**63, 10**30, 1e308, -0.5]
+VALUES += ["", "x" * 5000, "../../etc/passwd", [], {}, [[]], "\x00"]
+TEXTS = [value for value in VALUES if isinstance(value, str)]
 
 
 def mutate_json(content: Any, rng: np.random.Generator) -> Any:

@@ -175,13 +175,13 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
         )
     if settings.floor_weight and not drove_here(data):
         settings = replace(settings, floor_weight=0.0)
-    if data.meta.get("semantics") in RANDOM_LABELS:
+    if not data.metric or data.meta.get("semantics") in RANDOM_LABELS:
         settings = replace(settings, label_distance=0.0)
     if data.confidences is not None and settings.label_distance:
         settings = replace(settings, rays_by_class=0.0)  # many of the rare predicted labels are wrong
     if data.metric:
         return settings
-    return replace(settings, label_distance=0.0, far=FAR_AWAY, turn=min(settings.turn, SPREAD * 2), shell=1.0)
+    return replace(settings, far=FAR_AWAY, turn=min(settings.turn, SPREAD * 2), shell=1.0)
 
 
 def _fingerprint(data: Dataset) -> str:

@@ -106,10 +106,11 @@ class PixelSampler:
             labels = self.labels[pixels].astype(np.int64)
         trust = None if self._confidence is None else self._confidence[pixels].astype(np.float32) / np.float32(255)
         if self.depth is not None:
+            measured = self.depth[pixels]
             if trust is not None and self._label_distance:
-                trust *= self._share_of_near(self.depth[pixels])
+                trust *= self._share_of_near(measured)
             length = np.linalg.norm(self._directions(pixels)[1], axis=1).astype(np.float32)
-            depth = self.depth[pixels] * length / self._unit
+            depth = measured * length / self._unit
         return Targets(color, labels, depth, trust)
 
     def _share_of_near(self, depth: np.ndarray) -> np.ndarray:

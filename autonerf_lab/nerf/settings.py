@@ -31,7 +31,7 @@ class Settings:
     shell: float = 0.25  # thickness of the shell that holds the rest of the world, half sizes of the box
     view_dependent: bool = True  # colours depend on the viewing direction
     semantic_weight: float = 0.02  # of the cross entropy; the colour loss has weight 1
-    label_distance: float = 0.0  # metres; predicted labels farther away count less, by its inverse square; 0: equally
+    label_distance: float = 0.0  # metres; predicted labels beyond it count less, by the inverse square; 0: equally
     rays_by_class: float = 0.2  # share of rays sampled by class, so that small objects are seen often enough
     distortion_weight: float = 0.002
     depth_weight: float = 0.0  # of the squared error of signed distances, per m²; depth images are used if above 0

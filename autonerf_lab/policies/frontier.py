@@ -155,15 +155,13 @@ class Frontier:
     def _best_frontier(self, map: MapState, distance: np.ndarray) -> Target | None:
         """Return the frontier contour of highest utility."""
         assert self._given_up is not None
-        frontier = reachable_frontier(map, distance) & ~self._given_up
-        top, bottom, left, right = bounding_box(frontier)
-        if bottom == 0:  # everything in reach is explored
-            return None
-        labels, _ = ndimage.label(frontier[top:bottom, left:right], np.ones((3, 3)))
+        window = _around(map.explored, 1)
+        corner = np.array([window[0].start, window[1].start])
+        labels, _ = ndimage.label((reachable_frontier(map, distance) & ~self._given_up)[window], np.ones((3, 3)))
         best: Target | None = None
         reachable = np.isfinite(distance)
         for number, box in enumerate(ndimage.find_objects(labels), start=1):
-            cells = np.argwhere(labels[box] == number) + np.array([top + box[0].start, left + box[1].start])
+            cells = np.argwhere(labels[box] == number) + corner + [box[0].start, box[1].start]
             if len(cells) * map.cell < _MIN_CONTOUR:
                 continue
             centre = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))]

@@ -49,10 +49,10 @@ def register() -> None:
             pictures.for_type_by_name(*kind, _picture)
 
 
-def _picture(figure: "Figure") -> bytes | None:
+def _picture(figure: "Figure") -> bytes | str | None:
     from IPython.core.pylabtools import print_figure
 
-    return print_figure(figure, fmt="png")  # type: ignore[return-value]
+    return print_figure(figure, fmt="png")
 
 
 def _bundle(figure: "Figure") -> tuple[dict[str, Any], dict[str, Any]]:

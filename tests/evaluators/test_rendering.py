@@ -114,7 +114,7 @@ def test_rendered_colours_beyond_their_range_are_black_and_white():
 
 
 def test_images_need_not_be_square():
-    """Of 12 x 16 pixels, a fourth of the surfaces is 1 m too far: the median error is 0."""
+    """In a fourth of an image of 12 x 16 pixels, the depth is 1 m too large; in the rest it is right: median 0."""
     depth = np.full((12, 16), 2.0, np.float32)
     rgb, far = np.full((12, 16, 3), 128, np.uint8), depth + (np.arange(16) < 4)
     image = Rendering(rgb.astype(np.float32) / 255, far, None, np.ones((12, 16), np.float32))
