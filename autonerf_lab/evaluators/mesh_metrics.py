@@ -2,9 +2,8 @@
 
 The paper shows meshes without measuring them. The metrics are those of neural mapping since iMAP (Sucar et al. 2021)
 and, for normals, of occupancy networks (Mescheder et al. 2019). R are 100,000 seeded samples on the reconstruction and
-T as many on the true mesh. d(p, M) is the distance of a sample p to a mesh M. It is exact for the triangles of the 8
-nearest points, among the samples and the triangle centres of M. n(p) is the normal at p, and n(p, M) the normal of M at
-its nearest point:
+T as many on the true mesh. d(p, M) is the exact distance of a sample p to the triangles of a mesh M. n(p) is the normal
+at p, and n(p, M) the normal of M at its nearest point:
 
 * ``accuracy_m`` = mean over r in R of d(r, truth);
 * ``completion_m`` = mean over t in T of d(t, reconstruction), ``completion_ratio`` = share of T with d < 5 cm;
@@ -18,7 +17,6 @@ contains seen parts only, so accuracy has no such variant.
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from autonerf_lab.evaluators.ground_truth import faces_of_the_floor
 from autonerf_lab.evaluators.metrics import metrics_of
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
 
 SAMPLES = 100_000
 COMPLETE = 0.05  # metres, threshold of the completion ratio
-_NEIGHBOURS = 8
 _NAMES = tuple(metric.name for metric in metrics_of("mesh"))
 
 
@@ -53,41 +50,21 @@ def normals(triangles: np.ndarray) -> np.ndarray:
     return cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-20)
 
 
-def nearest_on(
-    points: np.ndarray, triangles: np.ndarray, samples: np.ndarray, face: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def nearest_on(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compute the distances of points to a surface.
 
     Args:
         points: (N, 3).
-        triangles: (F, 3, 3), the surface.
-        samples: (S, 3) points on the surface, which select the candidate triangles.
-        face: (S,) triangles of the samples.
+        triangles: (F, 3, 3), the surface; any number of triangles may share an edge.
 
     Returns:
         (N,) distances and (N,) indices of the nearest triangles.
     """
-    from trimesh.triangles import closest_point
+    import igl
 
-    _, index = cKDTree(samples).query(points, k=min(_NEIGHBOURS, len(samples)))
-    candidates = face[index.reshape(len(points), -1)]
-    best, which = np.full(len(points), np.inf), candidates[:, 0].copy()
-    for k in range(candidates.shape[1]):
-        fresh = np.flatnonzero((candidates[:, k] != candidates[:, k - 1]) if k else np.ones(len(points), dtype=bool))
-        there = closest_point(triangles[candidates[fresh, k]], points[fresh])
-        distance = np.linalg.norm(there - points[fresh], axis=1)
-        closer = distance < best[fresh]
-        best[fresh[closer]], which[fresh[closer]] = distance[closer], candidates[fresh[closer], k]
-    return best, which
-
-
-def _cover(triangles: np.ndarray, points: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Add the centres of all triangles to the samples, with their triangles.
-
-    Marching cubes makes more triangles than there are samples. With the samples alone, the nearest candidate triangle
-    would be centimetres away from the nearest triangle.
-    """
-    return np.concatenate([points, triangles.mean(axis=1)]), np.concatenate([face, np.arange(len(triangles))])
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    squared, index, _ = igl.point_mesh_squared_distance(points, triangles.reshape(-1, 3), faces)
+    return np.sqrt(squared), index
 
 
 def evaluate_mesh(
@@ -110,8 +87,8 @@ def evaluate_mesh(
     found = np.asarray(mesh.triangles, dtype=np.float64)
     true_points, true_face = sample_surface(true, samples, rng)
     found_points, found_face = sample_surface(found, samples, rng)
-    accuracy, true_match = nearest_on(found_points, true, *_cover(true, true_points, true_face))
-    completion, found_match = nearest_on(true_points, found, *_cover(found, found_points, found_face))
+    accuracy, true_match = nearest_on(found_points, true)
+    completion, found_match = nearest_on(true_points, found)
     true_normals, found_normals = normals(true), normals(found)
     forward = np.abs(np.einsum("nd,nd->n", found_normals[found_face], true_normals[true_match]))
     backward = np.abs(np.einsum("nd,nd->n", true_normals[true_face], found_normals[found_match]))

@@ -176,6 +176,7 @@ def scaled_to_area(settings: Settings, area: float) -> Settings:
 
     Beyond, with g = 2 area / APARTMENT - 1: steps and rays that carve the visibility grid grow by the factor g, the
     largest distance along a ray by sqrt(g), and hash tables in proportion to the area, to the nearest power of two.
+    Models that train on depth need fewer steps; theirs grow in proportion to the area.
 
     Example:
         >>> small, large = (scaled_to_area(HashSettings(), area) for area in (60, 300))
@@ -185,7 +186,8 @@ def scaled_to_area(settings: Settings, area: float) -> Settings:
     if area <= APARTMENT:
         return settings
     growth = 2 * area / APARTMENT - 1
-    changes: dict[str, Any] = {"steps": round(settings.steps * growth), "seen_rays": round(settings.seen_rays * growth)}
+    steps = settings.steps * (area / APARTMENT if settings.depth_weight else growth)
+    changes: dict[str, Any] = {"steps": round(steps), "seen_rays": round(settings.seen_rays * growth)}
     changes["far"] = settings.far * math.sqrt(growth)
     for name in ("log2_entries", "proposal_log2_entries"):
         if hasattr(settings, name):

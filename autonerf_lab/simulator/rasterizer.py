@@ -70,8 +70,52 @@ def _to_camera(triangles: np.ndarray, f: int, w2c: np.ndarray, out: np.ndarray) 
 
 
 @njit(cache=True, nogil=True)
+def _corners(points: np.ndarray, faces: np.ndarray, f: int, out: np.ndarray) -> None:
+    """Write the corners of face ``f`` to ``out`` (3, 3)."""
+    for i in range(3):
+        for r in range(3):
+            out[i, r] = points[r, faces[f, i]]
+
+
+@njit(cache=True, nogil=True)
+def _clipped_rectangle(
+    v: np.ndarray, fl_x: float, fl_y: float, cx: float, cy: float
+) -> tuple[float, float, float, float]:
+    """Return the screen rectangle of a triangle that extends behind the camera: left, right, top, bottom, pixels."""
+    left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(3):
+        j = (i + 1) % 3
+        if v[i, 2] < -_NEAR:
+            px, py = cx - fl_x * v[i, 0] / v[i, 2], cy + fl_y * v[i, 1] / v[i, 2]
+            left, right, top, bottom = min(left, px), max(right, px), min(top, py), max(bottom, py)
+        if (v[i, 2] < -_NEAR) != (v[j, 2] < -_NEAR):
+            a = (-_NEAR - v[i, 2]) / (v[j, 2] - v[i, 2])
+            px = cx + fl_x * (v[i, 0] + a * (v[j, 0] - v[i, 0])) / _NEAR
+            py = cy - fl_y * (v[i, 1] + a * (v[j, 1] - v[i, 1])) / _NEAR
+            left, right, top, bottom = min(left, px), max(right, px), min(top, py), max(bottom, py)
+    return left, right, top, bottom
+
+
+@njit(cache=True, nogil=True)
+def _project(vertices: np.ndarray, w2c: np.ndarray, camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices in camera coordinates, (3, V), and their pixel positions, (2, V), if they are in front."""
+    points = np.empty(vertices.shape)
+    pixels = np.empty((2, vertices.shape[1]))
+    for i in range(vertices.shape[1]):
+        x, y, z = vertices[0, i], vertices[1, i], vertices[2, i]
+        for r in range(3):
+            points[r, i] = w2c[r, 0] * x + w2c[r, 1] * y + w2c[r, 2] * z + w2c[r, 3]
+    for i in range(vertices.shape[1]):
+        z = min(points[2, i], -_NEAR)
+        pixels[0, i] = camera[2] - camera[0] * points[0, i] / z
+        pixels[1, i] = camera[3] + camera[1] * points[1, i] / z
+    return points, pixels
+
+
+@njit(cache=True, nogil=True)
 def rasterize(
-    triangles: np.ndarray,
+    vertices: np.ndarray,
+    faces: np.ndarray,
     bounds: np.ndarray,
     w2c: np.ndarray,
     camera: np.ndarray,
@@ -81,7 +125,8 @@ def rasterize(
     """Find the nearest surface at each pixel centre.
 
     Args:
-        triangles: (F, 3, 3) float32, world frame, metres.
+        vertices: (3, V) float32, world frame, metres.
+        faces: (F, 3) int, indices of vertices.
         bounds: Result of :func:`chunk_bounds`.
         w2c: (4, 4) float64 world-to-camera, OpenGL axes.
         camera: (4,) float64: fl_x, fl_y, cx, cy in pixels.
@@ -96,6 +141,7 @@ def rasterize(
     sides = np.array([[fl_x, 0.0, -cx], [-fl_x, 0.0, -(width - cx)], [0.0, fl_y, -(height - cy)], [0.0, -fl_y, -cy]])
     for s in range(4):
         sides[s] /= np.sqrt((sides[s] ** 2).sum())
+    points, pixels = _project(vertices, w2c, camera)
     v = np.empty((3, 3))
     e = np.empty((4, 3))
     for c in range(len(bounds)):
@@ -107,21 +153,26 @@ def rasterize(
             visible = visible and sides[s, 0] * x + sides[s, 1] * y + sides[s, 2] * z > -bounds[c, 3]
         if not visible:
             continue
-        for f in range(c * CHUNK, min((c + 1) * CHUNK, len(triangles))):
-            _to_camera(triangles, f, w2c, v)
-            if v[0, 2] >= -_NEAR and v[1, 2] >= -_NEAR and v[2, 2] >= -_NEAR:
+        for f in range(c * CHUNK, min((c + 1) * CHUNK, len(faces))):
+            i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+            nearest, farthest = (
+                max(points[2, i], points[2, j], points[2, k]),
+                min(points[2, i], points[2, j], points[2, k]),
+            )
+            if farthest >= -_NEAR:
                 continue
-            left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
-            for i in range(3):
-                j = (i + 1) % 3
-                if v[i, 2] < -_NEAR:
-                    px, py = cx - fl_x * v[i, 0] / v[i, 2], cy + fl_y * v[i, 1] / v[i, 2]
-                    left, right, top, bottom = min(left, px), max(right, px), min(top, py), max(bottom, py)
-                if (v[i, 2] < -_NEAR) != (v[j, 2] < -_NEAR):
-                    a = (-_NEAR - v[i, 2]) / (v[j, 2] - v[i, 2])
-                    px = cx + fl_x * (v[i, 0] + a * (v[j, 0] - v[i, 0])) / _NEAR
-                    py = cy - fl_y * (v[i, 1] + a * (v[j, 1] - v[i, 1])) / _NEAR
-                    left, right, top, bottom = min(left, px), max(right, px), min(top, py), max(bottom, py)
+            if nearest < -_NEAR:
+                left, right = (
+                    min(pixels[0, i], pixels[0, j], pixels[0, k]),
+                    max(pixels[0, i], pixels[0, j], pixels[0, k]),
+                )
+                top, bottom = (
+                    min(pixels[1, i], pixels[1, j], pixels[1, k]),
+                    max(pixels[1, i], pixels[1, j], pixels[1, k]),
+                )
+            else:
+                _corners(points, faces, f, v)
+                left, right, top, bottom = _clipped_rectangle(v, fl_x, fl_y, cx, cy)
             if right < 0 or left > width or bottom < 0 or top > height:
                 continue
             # Pixel centres in the screen rectangle, with slack: it only limits the work, the edges decide. Most
@@ -132,6 +183,7 @@ def rasterize(
             col1 = int(np.floor(min(width - 1.0, right - 0.5 + _SLACK)))
             if row0 > row1 or col0 > col1:
                 continue
+            _corners(points, faces, f, v)
             det = _edges(v, fl_x, fl_y, cx, cy, e)
             if det == 0.0:
                 continue

@@ -49,9 +49,11 @@ class _SceneGeometry:
         self.instances = np.append(scene.face_instance, 0).astype(np.int32)
 
     @cached_property
-    def chunks(self) -> np.ndarray:
-        """Bounds of chunks of faces for rasterisation; a large mesh is cast instead, and needs none."""
-        return chunk_bounds(self.triangles)
+    def raster_mesh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Vertices, faces and bounds for :func:`rasterize`; a large mesh is cast instead, and needs none."""
+        points, index = np.unique(self.triangles.reshape(-1, 3), axis=0, return_inverse=True)
+        faces = index.reshape(-1, 3).astype(np.int32)
+        return np.ascontiguousarray(points.T), faces, chunk_bounds(self.triangles)
 
     @cached_property
     def caster(self) -> RayCaster:
@@ -201,7 +203,7 @@ class Simulator:
     ) -> None:
         """Write inverse depth and face of every pixel, by rasterisation or, for a large mesh, by ray casting."""
         if len(self._geometry.triangles) < CAST_FROM:
-            rasterize(self._geometry.triangles, self._geometry.chunks, w2c, _camera(camera), inverse_depth, face)
+            rasterize(*self._geometry.raster_mesh, w2c, _camera(camera), inverse_depth, face)
             return
         rays_o, rays_d = camera_rays(camera, c2w)
         hits = self.cast(rays_o.reshape(-1, 3), rays_d.reshape(-1, 3))

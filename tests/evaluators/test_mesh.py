@@ -210,9 +210,21 @@ def test_samples_are_uniform_and_distances_exact():
     points, face = sample_surface(triangles, 20_000, np.random.default_rng(0))
     assert np.mean(face == 1) == pytest.approx(0.9, abs=0.01)
     assert points[face == 0][:, :2].mean(axis=0) == pytest.approx([1 / 3, 1 / 3], abs=0.02)
-    distance, which = nearest_on(np.array([[0.2, 0.2, 0.3], [-1, 0, 5]]), triangles, points, face)
+    distance, which = nearest_on(np.array([[0.2, 0.2, 0.3], [-1, 0, 5]]), triangles)
     np.testing.assert_allclose(distance, [0.3, 1.0], atol=1e-12)
     assert which.tolist() == [0, 1]
+
+
+def test_distances_to_triangles_of_very_different_sizes_agree_with_a_search_over_all():
+    rng = np.random.default_rng(1)
+    corners, size = rng.uniform(-2, 2, (300, 1, 3)), rng.choice([0.01, 0.3, 4.0], (300, 1, 1))
+    triangles = corners + size * rng.normal(size=(300, 3, 3))
+    points = rng.uniform(-4, 4, (40, 3))
+    every = trimesh.triangles.closest_point(np.tile(triangles, (40, 1, 1)), np.repeat(points, 300, axis=0))
+    expected = np.linalg.norm(every.reshape(40, 300, 3) - points[:, None], axis=2)
+    distance, which = nearest_on(points, triangles)
+    np.testing.assert_allclose(distance, expected.min(axis=1), atol=1e-12)
+    assert (which == expected.argmin(axis=1)).all()
 
 
 class Square:

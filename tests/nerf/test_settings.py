@@ -21,6 +21,7 @@ def test_steps_and_tables_grow_by_the_rule():
     grown = scaled_to_area(HashSettings(steps=1000, far=10.0), 320.0)
     assert (grown.steps, grown.log2_entries, grown.seen_rays) == (3000, 19, 1_200_000)
     assert grown.far == pytest.approx(10 * 3**0.5)
+    assert scaled_to_area(HashSettings(steps=1000, depth_weight=1.0), 320.0).steps == 2000
 
 
 @pytest.mark.parametrize(
