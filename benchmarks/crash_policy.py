@@ -11,7 +11,7 @@ begins. The training learns a reward too, and writes a checkpoint between any tw
     unreadable  a checkpoint that cannot be read after a kill
     lost        frames of the last checkpoint that were lost
     different   weights, learning curve or checkpoint that differ from those of the uninterrupted training
-    orphans     worker processes that run on ten seconds after the kill
+    orphans     worker processes that run on a minute after the kill
 
 The last line of the output is JSON; the exit code is 1 if one of these is found.
 """
@@ -93,7 +93,7 @@ def kill_after(seconds: float, command: list[str], found: Counter[str]) -> bool:
         workers = psutil.Process(process.pid).children(recursive=True)
         process.kill()
         process.wait()
-        alive = psutil.wait_procs(workers, timeout=10)[1]
+        alive = psutil.wait_procs(workers, timeout=60)[1]
         found["orphans"] += len(alive)
         return True
 

@@ -68,8 +68,8 @@ class Settings:
             if getattr(self, name) % 4 or getattr(self, name) > 1024:
                 raise DataError(f"settings: {name} must be a multiple of 4 up to 1024, not {getattr(self, name)}")
         count, exponent = getattr(self, levels), getattr(self, log2_entries)
-        if count % 2 or count > 32:
-            raise DataError(f"settings: {levels} must be even and at most 32, not {count}")
+        if count > 32:
+            raise DataError(f"settings: {levels} must be at most 32, not {count}")
         if exponent > 24 or count << exponent > MAX_COUNT:
             raise DataError(
                 f"settings: {levels}={count} with {log2_entries}={exponent} exceed {MAX_COUNT} entries; lower one"
@@ -82,11 +82,12 @@ class HashSettings(Settings):
 
     samples: int = 16  # bins per ray at which the field is evaluated
     min_weight: float = 1e-3  # samples of less weight are skipped: no colour, no gradient
-    levels: int = 10  # of the hash grid; even
+    levels: int = 10  # of the hash grid
     log2_entries: int = 18  # largest table of a level
     coarse: float = 0.8  # side of the largest cells
     fine: float = 0.02  # side of the smallest cells
     hidden: int = 64  # units of a hidden layer; a multiple of 4
+    semantic_layers: int = 1  # hidden layers of the semantic network, 1 or 2
     appearance: int = 0  # size of the learned embedding of each training image; a multiple of 4
     density_gain: float = 1.0  # factor of the density network's output; large for sharp surfaces and small features
     table_rate: float = 3.0  # learning rate of hash tables as a multiple: few batches update an entry
@@ -95,6 +96,8 @@ class HashSettings(Settings):
         """Check types, ranges and sizes, as :meth:`Settings.__post_init__`."""
         super().__post_init__()
         self._check_sizes(("hidden", "appearance"), "levels", "log2_entries")
+        if self.semantic_layers not in (1, 2):
+            raise DataError(f"settings: semantic_layers must be 1 or 2, not {self.semantic_layers}")
         if not 1e-4 <= self.fine <= self.coarse:
             raise DataError(f"settings: fine must be from 0.0001 to coarse={self.coarse}, not {self.fine}")
 
@@ -105,9 +108,10 @@ class ProposalSettings(HashSettings):
 
     proposal_samples: tuple[int, ...] = (32,)  # bins of each proposal round
     proposal_every: int = 2  # steps between two updates of the proposals, after the first tenth of the training
-    proposal_levels: int = 4  # even
+    proposal_levels: int = 4
     proposal_log2_entries: int = 15  # largest table of a level
-    proposal_fine: float = 0.06  # side of the smallest cells
+    proposal_fine: float = 0.06  # side of the smallest cells, in the last round
+    proposal_ratio: float = 1.0  # of the smallest cells of a round to those of the next
     proposal_hidden: int = 16  # units of the hidden layer; a multiple of 4
     padding: float = 0.01  # total weight added to the bins in resampling, so that every bin can be sampled
     interlevel_weight: float = 1.0

@@ -17,10 +17,18 @@ Network = TypeVar("Network", bound=torch.nn.Module)
 
 
 def seeded(make: Callable[[], Network], seed: int) -> Network:
-    """Make a network with seeded initial parameters; the state of torch's global generator is restored."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return make()
+    """Make a network with seeded initial parameters; the state of torch's global generator is restored.
+
+    One thread makes them: orthogonal matrices are rounded differently by another number of threads.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            return make()
+    finally:
+        torch.set_num_threads(threads)
 
 
 class Learner:

@@ -93,7 +93,7 @@ class TrainingSession(BaseCallback):
             if self.reward:
                 learned = {k.removeprefix(_REWARD_PREFIX): v for k, v in arrays.items() if k.startswith(_REWARD_PREFIX)}
                 self.reward.load_state_dict(learned)
-                self.pool.call("load_reward_state", learned)
+                self.share_reward()
         except (KeyError, TypeError, ValueError, RuntimeError) as error:  # RuntimeError: another shape
             raise DataError(
                 f"{self.folder / CHECKPOINT} is damaged ({error!r}); remove it to start the training again"
@@ -102,6 +102,11 @@ class TrainingSession(BaseCallback):
         self.frames = header.frames
         self.model.num_timesteps, self.model._n_updates = header.timesteps, header.updates
         self.pool.set_episode(self.episode if self.aligned else self._steps)
+
+    def share_reward(self) -> None:
+        """Give the state of a learned reward to the copies of all environments."""
+        if self.reward:
+            self.pool.call("load_reward_state", self.reward.state_dict())
 
     def save(self) -> None:
         """Write the checkpoint; call it only between two episodes, or before the first."""
@@ -204,7 +209,7 @@ class TrainingSession(BaseCallback):
             losses = self.reward.update({k: np.concatenate([batch[k] for batch in batches]) for k in batches[0]})
             for name, value in losses.items():
                 self.logger.record(f"reward/{name}", value)
-            self.pool.call("load_reward_state", self.reward.state_dict())
+            self.share_reward()
 
     def _on_training_end(self) -> None:
         self._bar.close()

@@ -147,6 +147,7 @@ def train_policy(
                 load_weights(first, network)
             elif settings.demonstrations and spec.teacher:
                 TEACHERS[spec.teacher](network, settings, chosen, make, progress)
+            session.share_reward()  # its random initial values may differ between processes
             session.save()
         updates = -(-settings.frames // (session.follow * decisions_per_update))  # rounded up
         remaining = updates * decisions_per_update - ppo.num_timesteps

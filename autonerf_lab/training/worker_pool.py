@@ -208,7 +208,7 @@ def _run_worker(pipe: Connection, make: CloudpickleWrapper, indices: list[int], 
         try:
             worker = worker or _Worker(make.var, indices, seed)
             pipe.send((True, getattr(worker, name)(*arguments)))
-        except KeyboardInterrupt:
+        except (BrokenPipeError, KeyboardInterrupt):  # the process of the training was killed, or Ctrl-C
             return
         except Exception as error:  # any error of a reward or a scene; the pool raises it again
             pipe.send((False, f"{type(error).__name__}: {error}"))

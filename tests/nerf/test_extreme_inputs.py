@@ -119,10 +119,10 @@ def resampling(rng):
 def colours_and_classes(rng):
     """Sigmoid of the colours, and softmax and logarithm of the cross entropy."""
     n = TILE_RAYS
-    matrices = hash_field.FieldMatrices(*(np.zeros(shape, np.float32) for shape in [(4, 4)] * 8))
+    matrices = hash_field.FieldMatrices(*(np.zeros(shape, np.float32) for shape in [(4, 4)] * 9))
     matrices = matrices._replace(color_2=draw(rng, NETWORK, 4, 4), color_1=np.eye(4, dtype=np.float32))
-    g, c0, c1, rgb, s0 = (np.zeros((4, n), np.float32) for _ in range(5))
-    hash_field._heads(matrices, np.eye(4, n, dtype=np.float32), np.eye(n, dtype=np.float32), n, g, c0, c1, rgb, s0)
+    g, c0, c1, rgb, s0, s1 = (np.zeros((4, n), np.float32) for _ in range(6))
+    hash_field._heads(matrices, np.eye(4, n, dtype=np.float32), np.eye(n, dtype=np.float32), n, g, c0, c1, rgb, s0, s1)
     assert rgb[:3].min() >= 0 and rgb[:3].max() <= 1
     logits, d_logits = draw(rng, NETWORK, 16, n), np.empty((16, n), np.float32)
     labels, trust = rng.integers(-1, 17, n), draw(rng, TINY, n, signed=False)

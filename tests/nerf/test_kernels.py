@@ -52,7 +52,16 @@ def some_rays(seed: int = 1) -> tuple[Rays, Targets]:
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"view_dependent": False}, {"depth_weight": 0.0}, {"appearance": 0}, {"density_gain": 2.0}]
+    "options",
+    [
+        {},
+        {"view_dependent": False},
+        {"depth_weight": 0.0},
+        {"appearance": 0},
+        {"density_gain": 2.0},
+        {"levels": 5, "proposal_levels": 3, "proposal_ratio": 2.0},
+        {"semantic_layers": 2},
+    ],
 )
 def test_training_step_agrees_with_autograd(options: dict) -> None:
     kernels, reference = small_models(replace(SETTINGS, **options))

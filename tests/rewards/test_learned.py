@@ -31,6 +31,21 @@ def transitions_of(*images):
     return [step_of(observed(rgb)) for rgb in images]
 
 
+@pytest.mark.parametrize("reward", [Curiosity, Reconstruction])
+def test_initial_values_do_not_depend_on_the_number_of_threads(reward):
+    """A training process has two threads, its workers have one."""
+    threads = torch.get_num_threads()
+    try:
+        states = []
+        for count in (1, 2):
+            torch.set_num_threads(count)
+            states.append(reward().state_dict())
+            assert torch.get_num_threads() == count
+    finally:
+        torch.set_num_threads(threads)
+    assert same_arrays(*states)
+
+
 # --- curiosity -------------------------------------------------------------------------------------------------------
 
 

@@ -12,6 +12,18 @@ from autonerf_lab.nerf.scene_box import SceneBox
 TABLE_INIT = 1e-2  # initial table values are uniform in [-TABLE_INIT, TABLE_INIT]
 
 
+def encoded_size(levels: int) -> int:
+    """Return the number of encoded features, two for each level, rounded up to the multiple of 4 that kernels take.
+
+    The features that fill up are 0, and so are their weights and gradients.
+
+    Example:
+        >>> encoded_size(4), encoded_size(5)
+        (8, 12)
+    """
+    return -(-2 * levels // 4) * 4
+
+
 def he_uniform(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     """Return initial weights (outputs, inputs) of a layer without bias before a ReLU (He et al. 2015)."""
     bound = np.sqrt(6 / max(shape[1], 1))
@@ -35,6 +47,8 @@ class Buffers:
 class HashEncoder:
     """Hash encoding of bin midpoints with one table; features come in tiles of TILE_RAYS rays.
 
+    E is the number of features, :func:`encoded_size`.
+
     Args:
         grid: layout of the table.
         box: contracts the world into the unit cube.
@@ -50,7 +64,7 @@ class HashEncoder:
         """Encode the points at distances (R, S) on whole tiles of rays.
 
         Returns:
-            contracted points (3, R S), and features (R / TILE_RAYS, 2 L, TILE_RAYS S). The next call reuses both.
+            contracted points (3, R S), and features (R / TILE_RAYS, E, TILE_RAYS S). The next call reuses both.
         """
         count, samples = midpoints.shape
         x = self._buffer("x", 3, count * samples)
@@ -58,16 +72,16 @@ class HashEncoder:
         volume_rendering.ray_points(
             rays.origins, rays.directions, midpoints, box.center, box.half, np.float32(box.shell), x
         )
-        enc = self._buffer("enc", count // TILE_RAYS, 2 * len(self.grid.offsets), TILE_RAYS * samples)
+        enc = self._buffer("enc", count // TILE_RAYS, encoded_size(len(self.grid.offsets)), TILE_RAYS * samples)
         hash_encode(x, self.table, *self._layout, enc)
         return x, enc
 
     def points(self, points: np.ndarray, width: int = 128) -> np.ndarray:
-        """Encode (N, 3) points: (B, 2 L, width) features, the last tile padded."""
+        """Encode (N, 3) points: (B, E, width) features, the last tile padded."""
         x = self.box.contract(points)
         tiles = -(-len(x) // width)
         x = np.ascontiguousarray(np.concatenate([x, np.zeros((tiles * width - len(x), 3), np.float32)]).T)
-        enc = np.empty((tiles, 2 * len(self.grid.offsets), width), np.float32)
+        enc = np.zeros((tiles, encoded_size(len(self.grid.offsets)), width), np.float32)
         hash_encode(x, self.table, *self._layout, enc)
         return enc
 

@@ -6,7 +6,7 @@ The paper's symbols::
     phi~ = sh(phi)                  spherical harmonics             encodings.spherical_harmonics
     e                               appearance embedding            appearance
     (sigma, h_d) = f_d(x~)          density network                 density_0, density_1
-    s = f_s(h_d)                    semantic network                semantic_0, semantic_1
+    s = f_s(h_d)                    semantic network                semantic_0, (semantic_middle,) semantic_1
     c = f_c(h_d, phi~, e)           colour network                  color_geometry, color_ray, color_1, color_2
 
 This module holds the parameters and calls the kernels of :mod:`autonerf_lab.nerf.kernels`. It pads rays to whole tiles,
@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from autonerf_lab.nerf.encodings import HashGrid, spherical_harmonics
-from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, he_uniform
+from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, encoded_size, he_uniform
 from autonerf_lab.nerf.kernels import hash_field as kernels
 from autonerf_lab.nerf.kernels import volume_rendering
 from autonerf_lab.nerf.kernels.proposals import ProposalMatrices
@@ -50,7 +50,7 @@ def initial_parameters(
     s = settings
     semantic = s.hidden if classes else 0
     shapes = {
-        "density_0": (s.hidden, 2 * s.levels),
+        "density_0": (s.hidden, encoded_size(s.levels)),
         "density_1": (GEOMETRY, s.hidden),
         "color_geometry": (s.hidden, GEOMETRY),
         "color_ray": (s.hidden, HARMONICS + s.appearance),
@@ -59,8 +59,11 @@ def initial_parameters(
         "semantic_0": (semantic, GEOMETRY),
         "semantic_1": (classes, semantic),
     }
+    if s.semantic_layers == 2:
+        shapes["semantic_middle"] = (semantic, semantic)
     parameters = {name: he_uniform(shape, rng) for name, shape in shapes.items()}
     parameters["color_2"][3] = 0  # padding: colour has three rows
+    parameters["density_0"][:, 2 * s.levels :] = 0
     parameters["table"] = rng.uniform(-TABLE_INIT, TABLE_INIT, (grid.entries, 2)).astype(np.float32)
     parameters["appearance"] = np.zeros((frames, s.appearance), np.float32)
     return parameters
@@ -92,6 +95,7 @@ class HashField:
     def set_level_weights(self, weights_at: Callable[[int], np.ndarray]) -> None:
         """Weight the levels of the table; see :class:`~autonerf_lab.nerf.model.CoarseToFineField`."""
         weights = np.repeat(weights_at(self.settings.levels), 2)
+        weights = np.pad(weights, (0, encoded_size(self.settings.levels) - len(weights)), constant_values=1)
         self._feature_weights = None if (weights == 1).all() else weights
 
     def train(
@@ -159,7 +163,10 @@ class HashField:
     def logits(self, points: np.ndarray) -> np.ndarray:
         """Return class logits at points; see :class:`~autonerf_lab.nerf.model.Field`."""
         p = self._values
-        return np.maximum(self._geometry(points) @ p["semantic_0"].T, 0) @ p["semantic_1"].T
+        hidden = np.maximum(self._geometry(points) @ p["semantic_0"].T, 0)
+        if "semantic_middle" in p:
+            hidden = np.maximum(hidden @ p["semantic_middle"].T, 0)
+        return hidden @ p["semantic_1"].T
 
     def ray_gradients(
         self, rays: Rays, samples: Samples, target: np.ndarray
@@ -180,12 +187,16 @@ class HashField:
 
     def _matrices(self, semantic: bool = True) -> kernels.FieldMatrices:
         """Return the weight matrices; without ``semantic``, those of a field that has no semantic network."""
-        matrices = kernels.FieldMatrices(*(self._values[name] for name in kernels.FieldMatrices._fields))
+        values = {"semantic_middle": np.zeros((0, 0), np.float32)} | self._values
+        matrices = kernels.FieldMatrices(*(values[name] for name in kernels.FieldMatrices._fields))
         if self._feature_weights is not None:  # columns of the first layer instead of features: the same products
             matrices = matrices._replace(density_0=matrices.density_0 * self._feature_weights)
         if semantic:
             return matrices
-        return matrices._replace(semantic_0=matrices.semantic_0[:0], semantic_1=matrices.semantic_1[:0, :0])
+        none = matrices.semantic_middle[:0, :0]
+        return matrices._replace(
+            semantic_0=matrices.semantic_0[:0], semantic_middle=none, semantic_1=matrices.semantic_1[:0, :0]
+        )
 
     def _forward_backward(
         self,
@@ -217,7 +228,7 @@ class HashField:
             targets.color, targets.labels, trust, targets.depth, background, scales,
             surface_profile(self.settings), learn, d_features, weights, color, sums,
         )  # fmt: skip
-        summed = {name: value.sum(axis=0) for name, value in gradients._asdict().items()}
+        summed = {name: value.sum(axis=0) for name, value in gradients._asdict().items() if name in self._values}
         if self._feature_weights is not None:
             summed["density_0"] *= self._feature_weights
         return x, enc, d_features, weights, color, sums, summed

@@ -45,7 +45,8 @@ class TorchHashField(TorchField):
         """Evaluate the networks at points on rays; see the base class."""
         p = self.parameters
         x = hash_encode(self.box.contract_tensor(points).flatten(0, 1), p["table"], self.grid) * self._feature_weights
-        geometry = (torch.relu(x @ p["density_0"].T) @ p["density_1"].T).unflatten(0, points.shape[:2])
+        weights = p["density_0"][:, : x.shape[1]]  # without the padding of the kernels
+        geometry = (torch.relu(x @ weights.T) @ p["density_1"].T).unflatten(0, points.shape[:2])
         features = spherical_harmonics(directions)
         if not self.settings.view_dependent:
             features = features * (torch.arange(features.shape[1], device=features.device) == 0)
@@ -55,5 +56,8 @@ class TorchHashField(TorchField):
             features = torch.cat([features, embedding], dim=1)
         hidden = torch.relu(geometry @ p["color_geometry"].T + (features @ p["color_ray"].T)[:, None])
         color = torch.sigmoid(torch.relu(hidden @ p["color_1"].T) @ p["color_2"][:3].T)
-        logits = torch.relu(geometry @ p["semantic_0"].T) @ p["semantic_1"].T
+        semantic = torch.relu(geometry @ p["semantic_0"].T)
+        if "semantic_middle" in p:
+            semantic = torch.relu(semantic @ p["semantic_middle"].T)
+        logits = semantic @ p["semantic_1"].T
         return self.settings.density_gain * geometry[..., 0], color, logits

@@ -17,13 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from autonerf_lab.nerf.kernels.active_samples import composite, force, gather, pack
 from autonerf_lab.nerf.kernels.dense import dense, dense_add, relu, relu_backward, weight_gradient
 from autonerf_lab.nerf.kernels.tiling import (
     CHUNKS,
     GEOMETRY,
     MAX_EXPONENT,
     ONE,
-    SIMD_WIDTH,
     TILE_RAYS,
     TWO,
     ZERO,
@@ -45,13 +45,14 @@ class FieldMatrices(NamedTuple):
     units, L: levels of the hash table, F: features of a ray, C: classes.
     """
 
-    density_0: np.ndarray  # (H, 2 L)
+    density_0: np.ndarray  # (H, 2 L), with 2 L rounded up to a multiple of 4
     density_1: np.ndarray  # (16, H)
     color_geometry: np.ndarray  # (H, 16) first colour layer, geometry features
     color_ray: np.ndarray  # (H, F) first colour layer, features of the ray
     color_1: np.ndarray  # (H, H)
     color_2: np.ndarray  # (4, H), of which 3 rows are used
     semantic_0: np.ndarray  # (H, 16)
+    semantic_middle: np.ndarray  # (H, H), second hidden layer, or (0, 0) for none
     semantic_1: np.ndarray  # (C, H)
 
 
@@ -68,54 +69,8 @@ class Scales(NamedTuple):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _pack(weights, forced, min_weight, columns, owners, owned, packed):
-    """Find the active samples of a tile; return their number, and that number rounded up to whole vectors.
-
-    Samples are active if they have weight or ``forced`` (TILE_RAYS, S) is set.
-
-    Sums over a ray and copies to its samples become products with two thin matrices, which the dense kernels compute
-    fast: ``owned[r, k]`` is 1 where sample k lies on ray r, ``packed[r, k]`` is its weight. Filler columns belong to no
-    ray.
-    """
-    count, samples = 0, weights.shape[1]
-    for r in range(weights.shape[0]):
-        for i in range(samples):
-            if weights[r, i] > min_weight or forced[r, i]:
-                columns[count], owners[count] = r * samples + i, r
-                count += 1
-    full = (count + SIMD_WIDTH - 1) // SIMD_WIDTH * SIMD_WIDTH
-    columns[count:full] = 0
-    owners[count:full] = 0
-    for r in range(weights.shape[0]):
-        for k in range(full):
-            owned[r, k] = ZERO
-            packed[r, k] = ZERO
-    for k in range(count):
-        r = owners[k]
-        owned[r, k] = ONE
-        packed[r, k] = weights[r, columns[k] - r * samples]
-    return count, full
-
-
-@njit(fastmath=True, cache=True, error_model="numpy")
-def _force(starts, ends, depth, front, behind, forced):
-    """Mark the samples of one ray that are compared with a measured surface; they need a gradient without weight."""
-    for i in range(forced.shape[0]):
-        distance = np.float32(0.5) * (starts[i] + ends[i]) - depth
-        forced[i] = depth > ZERO and -front < distance < behind
-
-
-@njit(fastmath=True, cache=True, error_model="numpy")
-def _gather(source, columns, n, target):
-    """Write ``target[:, k] = source[:, columns[k]]`` for n columns."""
-    for j in range(source.shape[0]):
-        for k in range(n):
-            target[j, k] = source[j, columns[k]]
-
-
-@njit(fastmath=True, cache=True, error_model="numpy")
-def _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0):
-    """Compute colours and the semantic hidden layer of n packed samples; the semantic output follows compositing."""
+def _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0, s1):
+    """Compute colours and the semantic hidden layers of n packed samples; the semantic output follows compositing."""
     dense(ray_part, owned, c0, n)
     dense_add(matrices.color_geometry, g, c0, n)
     relu(c0, n)
@@ -127,15 +82,8 @@ def _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0):
             rgb[j, k] = ONE / (ONE + np.exp(min(-rgb[j, k], MAX_EXPONENT)))
     dense(matrices.semantic_0, g, s0, n)
     relu(s0, n)
-
-
-@njit(fastmath=True, cache=True, error_model="numpy")
-def _composite(values, packed, n, out):
-    """Write ``out[j, r]``: the sum over the samples k of ray r of ``packed[r, k] * values[j, k]``."""
-    for j in range(out.shape[0]):
-        for r in range(out.shape[1]):
-            out[j, r] = ZERO
-    weight_gradient(values, packed, out, n)
+    dense(matrices.semantic_middle, s0, s1, n)
+    relu(s1, n)
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
@@ -180,10 +128,10 @@ def _photometric(shown, left, target, background, first, scale, color, d_color, 
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _samples_backward(rgb, s0, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_s0, slopes, d_packed):
+def _samples_backward(rgb, s, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_s, slopes, d_packed):
     """Write the gradients of packed colours (before the sigmoid), semantic features and weights."""
-    dense(d_s_ray, packed, d_s0, n)
-    dense(d_s_ray_t, s0, slopes, n)
+    dense(d_s_ray, packed, d_s, n)
+    dense(d_s_ray_t, s, slopes, n)
     for k in range(n):
         d_packed[k] = slopes[owners[k], k]
     for j in range(3):
@@ -194,19 +142,25 @@ def _samples_backward(rgb, s0, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d
 
 
 @njit(fastmath=True, cache=True, error_model="numpy")
-def _heads_backward(transposed, gradients, chunk, learn, owned, n, g, c0, c1, s0, d_rgb, d_s0, d_ray, d_c, d_h, d_g):
+def _heads_backward(
+    transposed, gradients, chunk, learn, owned, n, g, c0, c1, s0, s1, d_rgb, d_s0, d_s1, d_ray, d_c, d_h, d_g
+):
     """Add the gradients of both heads' matrices; write those of the rays' part and of the geometry features."""
     dense(transposed.color_2, d_rgb, d_c, n)
     relu_backward(c1, d_c, n)
     dense(transposed.color_1, d_c, d_h, n)
     relu_backward(c0, d_h, n)
+    if len(s1):
+        relu_backward(s1, d_s1, n)
+        dense(transposed.semantic_middle, d_s1, d_s0, n)
     relu_backward(s0, d_s0, n)
     if learn:
         weight_gradient(d_rgb, c1, gradients.color_2[chunk], n)
         weight_gradient(d_c, c0, gradients.color_1[chunk], n)
         weight_gradient(d_h, g, gradients.color_geometry[chunk], n)
         weight_gradient(d_s0, g, gradients.semantic_0[chunk], n)
-    _composite(d_h, owned, n, d_ray)
+        weight_gradient(d_s1, s0, gradients.semantic_middle[chunk], n)
+    composite(d_h, owned, n, d_ray)
     dense(transposed.color_geometry, d_h, d_g, n)
     dense_add(transposed.semantic_0, d_s0, d_g, n)
 
@@ -240,6 +194,7 @@ def train_rays(
     tiles, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
     inputs, hidden = enc.shape[1], matrices.density_0.shape[0]
     semantic, classes = matrices.semantic_0.shape[0], matrices.semantic_1.shape[0]
+    middle = matrices.semantic_middle.shape[0]
     per_chunk = (tiles + CHUNKS - 1) // CHUNKS
     front = (surface.log_density - surface.log_free) / surface.sharpness
     for chunk in prange(CHUNKS):
@@ -248,6 +203,8 @@ def train_rays(
         d_x, d_h, d_g = buffer(inputs, width), buffer(hidden, width), buffer(GEOMETRY, width)
         c0, c1, d_c = buffer(hidden, width), buffer(hidden, width), buffer(hidden, width)
         s0, d_s0, rgb, d_rgb = buffer(semantic, width), buffer(semantic, width), buffer(4, width), buffer(4, width)
+        s1, d_s1 = buffer(middle, width), buffer(middle, width)
+        last, d_last = (s1, d_s1) if middle else (s0, d_s0)  # last hidden layer of the semantic network
         ray_part, d_ray = buffer(hidden, TILE_RAYS), buffer(hidden, TILE_RAYS)
         s_ray, d_s_ray = buffer(semantic, TILE_RAYS), buffer(semantic, TILE_RAYS)
         logits, d_logits = buffer(classes, TILE_RAYS), buffer(classes, TILE_RAYS)
@@ -271,15 +228,15 @@ def train_rays(
             for r in range(TILE_RAYS):
                 t0, t1 = starts[first + r], ends[first + r]
                 left[r] = ray_weights(raw[r * samples : (r + 1) * samples], t0, t1, w[r])
-                _force(
+                force(
                     t0, t1, depths[first + r] if scales.depth_error > ZERO else ZERO, front, surface.behind, forced[r]
                 )
-            count, n = _pack(w, forced, scales.min_weight, columns, owners, owned, packed)
-            _gather(g_all, columns, n, g)
+            count, n = pack(w, forced, scales.min_weight, columns, owners, owned, packed)
+            gather(g_all, columns, n, g)
             dense(matrices.color_ray, features[b], ray_part, TILE_RAYS)
-            _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0)
-            _composite(rgb, packed, n, shown)
-            _composite(s0, packed, n, s_ray)
+            _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0, s1)
+            composite(rgb, packed, n, shown)
+            composite(last, packed, n, s_ray)
             dense(matrices.semantic_1, s_ray, logits, TILE_RAYS)
 
             tile_entropy, tile_correct = _cross_entropy(logits, labels, trust, first, scales.cross_entropy, d_logits)
@@ -294,9 +251,28 @@ def train_rays(
             for j in range(semantic):
                 for r in range(TILE_RAYS):
                     d_s_ray_t[r, j] = d_s_ray[j, r]
-            _samples_backward(rgb, s0, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_s0, slopes, d_packed)
+            _samples_backward(
+                rgb, last, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_last, slopes, d_packed
+            )
             _heads_backward(
-                transposed, gradients, chunk, learn, owned, n, g, c0, c1, s0, d_rgb, d_s0, d_ray, d_c, d_h, d_g
+                transposed,
+                gradients,
+                chunk,
+                learn,
+                owned,
+                n,
+                g,
+                c0,
+                c1,
+                s0,
+                s1,
+                d_rgb,
+                d_s0,
+                d_s1,
+                d_ray,
+                d_c,
+                d_h,
+                d_g,
             )
             weight_gradient(d_ray, features[b], gradients.color_ray[chunk], TILE_RAYS)
             dense(transposed.color_ray, d_ray, d_features[b], TILE_RAYS)
@@ -319,8 +295,8 @@ def train_rays(
                 d_g[0, k] += scales.density_gain * d_all[0, columns[k]]
             for k in range(count, n):
                 d_g[:, k] = ZERO
-            _gather(h_all, columns, n, h)
-            _gather(enc[b], columns, n, x)
+            gather(h_all, columns, n, h)
+            gather(enc[b], columns, n, x)
             dense(transposed.density_1, d_g, d_h, n)
             relu_backward(h, d_h, n)
             if learn:
@@ -353,6 +329,8 @@ def render_rays(matrices, enc, features, starts, ends, min_weight, density_gain,
     for chunk in prange(CHUNKS):
         h, g_all, g = buffer(hidden, width), buffer(GEOMETRY, width), buffer(GEOMETRY, width)
         c0, c1, s0, rgb = buffer(hidden, width), buffer(hidden, width), buffer(semantic, width), buffer(4, width)
+        s1 = buffer(matrices.semantic_middle.shape[0], width)
+        last = s1 if len(s1) else s0
         ray_part, s_ray = buffer(hidden, TILE_RAYS), buffer(semantic, TILE_RAYS)
         tile_logits, shown = buffer(classes, TILE_RAYS), buffer(4, TILE_RAYS)
         columns, owners = np.zeros(width, np.int64), np.zeros(width, np.int64)
@@ -370,12 +348,12 @@ def render_rays(matrices, enc, features, starts, ends, min_weight, density_gain,
                     raw[i] = density_gain * g_all[0, r * samples + i]
                 ray_weights(raw, t0, t1, w[r])
                 depth[first + r] = median_depth(t0, t1, w[r])
-            _, n = _pack(w, forced, min_weight, columns, owners, owned, packed)
-            _gather(g_all, columns, n, g)
+            _, n = pack(w, forced, min_weight, columns, owners, owned, packed)
+            gather(g_all, columns, n, g)
             dense(matrices.color_ray, features[b], ray_part, TILE_RAYS)
-            _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0)
-            _composite(rgb, packed, n, shown)
-            _composite(s0, packed, n, s_ray)
+            _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0, s1)
+            composite(rgb, packed, n, shown)
+            composite(last, packed, n, s_ray)
             dense(matrices.semantic_1, s_ray, tile_logits, TILE_RAYS)
             for r in range(TILE_RAYS):
                 for k in range(3):

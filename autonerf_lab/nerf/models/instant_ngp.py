@@ -26,8 +26,12 @@ SETTINGS = {
         min_weight=0.0,
         samples=128,
         candidates=1024,
+        cell=0.12,  # 128 cells over 15 m
         levels=16,
         log2_entries=19,
+        coarse=0.96,  # 16 to 2048 cells over 15 m
+        fine=0.0075,
+        semantic_layers=2,
         final_learning_rate=1e-4,
     ),
 }

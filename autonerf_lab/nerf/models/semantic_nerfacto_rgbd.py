@@ -22,6 +22,9 @@ SETTINGS = {
         evaluation_samples=48,
         levels=16,
         log2_entries=19,
+        coarse=0.96,  # 16 to 2048 cells over 15 m
+        fine=0.0075,
+        semantic_layers=2,
         appearance=32,
         final_learning_rate=1e-4,
     ),

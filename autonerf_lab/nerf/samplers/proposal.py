@@ -7,7 +7,7 @@ import torch
 
 from autonerf_lab.nerf import rendering
 from autonerf_lab.nerf.encodings import HashGrid, hash_encode
-from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, he_uniform
+from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, encoded_size, he_uniform
 from autonerf_lab.nerf.fields.hash_field import transposed
 from autonerf_lab.nerf.fields.torch_field import gradients_of, midpoints, tensors
 from autonerf_lab.nerf.kernels import proposals, volume_rendering
@@ -31,13 +31,15 @@ class ProposalRound(NamedTuple):
 def _start(settings: ProposalSettings, box: SceneBox, rng: np.random.Generator) -> tuple[list[HashGrid], dict]:
     """Return the table layout of each round, and the initial values of all networks by name."""
     s = settings
+    finest = [s.proposal_fine * s.proposal_ratio**k for k in reversed(range(len(s.proposal_samples)))]
     grids = [
-        HashGrid.build(box.size, s.coarse, s.proposal_fine, s.proposal_levels, s.proposal_log2_entries)
-        for _ in s.proposal_samples
+        HashGrid.build(box.size, s.coarse, min(fine, s.coarse), s.proposal_levels, s.proposal_log2_entries)
+        for fine in finest
     ]
     values = {}
     for k, grid in enumerate(grids):
-        values[f"proposal_{k}_0"] = he_uniform((s.proposal_hidden, 2 * s.proposal_levels), rng)
+        values[f"proposal_{k}_0"] = he_uniform((s.proposal_hidden, encoded_size(s.proposal_levels)), rng)
+        values[f"proposal_{k}_0"][:, 2 * s.proposal_levels :] = 0
         values[f"proposal_{k}_1"] = he_uniform((4, s.proposal_hidden), rng)  # row 0 is the log density
         values[f"proposal_{k}_table"] = rng.uniform(-TABLE_INIT, TABLE_INIT, (grid.entries, 2)).astype(np.float32)
     return grids, values
@@ -133,7 +135,7 @@ class TorchProposalSampler:
         for k, following in enumerate((*s.proposal_samples[1:], s.samples)):
             x = self.box.contract_tensor(midpoints(rays_o, rays_d, edges[:, :-1], edges[:, 1:])).flatten(0, 1)
             features = hash_encode(x, p[f"proposal_{k}_table"], self.grids[k])
-            hidden = torch.relu(features @ p[f"proposal_{k}_0"].T)
+            hidden = torch.relu(features @ p[f"proposal_{k}_0"][:, : features.shape[1]].T)
             raw = (hidden @ p[f"proposal_{k}_1"][0]).view(len(rays), -1)
             weights = rendering.weights_from_density(rendering.density_from_raw(raw), edges[:, :-1], edges[:, 1:])
             rounds.append((edges, weights))
