@@ -55,7 +55,7 @@ def nearest_on(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, n
 
     Args:
         points: (N, 3).
-        triangles: (F, 3, 3), the surface; any number of triangles may share an edge.
+        triangles: (F, 3, 3), the surface.
 
     Returns:
         (N,) distances and (N,) indices of the nearest triangles.

@@ -78,25 +78,6 @@ def _corners(points: np.ndarray, faces: np.ndarray, f: int, out: np.ndarray) -> 
 
 
 @njit(cache=True, nogil=True)
-def _clipped_rectangle(
-    v: np.ndarray, fl_x: float, fl_y: float, cx: float, cy: float
-) -> tuple[float, float, float, float]:
-    """Return the screen rectangle of a triangle that extends behind the camera: left, right, top, bottom, pixels."""
-    left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
-    for i in range(3):
-        j = (i + 1) % 3
-        if v[i, 2] < -_NEAR:
-            px, py = cx - fl_x * v[i, 0] / v[i, 2], cy + fl_y * v[i, 1] / v[i, 2]
-            left, right, top, bottom = min(left, px), max(right, px), min(top, py), max(bottom, py)
-        if (v[i, 2] < -_NEAR) != (v[j, 2] < -_NEAR):
-            a = (-_NEAR - v[i, 2]) / (v[j, 2] - v[i, 2])
-            px = cx + fl_x * (v[i, 0] + a * (v[j, 0] - v[i, 0])) / _NEAR
-            py = cy - fl_y * (v[i, 1] + a * (v[j, 1] - v[i, 1])) / _NEAR
-            left, right, top, bottom = min(left, px), max(right, px), min(top, py), max(bottom, py)
-    return left, right, top, bottom
-
-
-@njit(cache=True, nogil=True)
 def _project(vertices: np.ndarray, w2c: np.ndarray, camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertices in camera coordinates, (3, V), and their pixel positions, (2, V), if they are in front."""
     points = np.empty(vertices.shape)
@@ -110,6 +91,26 @@ def _project(vertices: np.ndarray, w2c: np.ndarray, camera: np.ndarray) -> tuple
         pixels[0, i] = camera[2] - camera[0] * points[0, i] / z
         pixels[1, i] = camera[3] + camera[1] * points[1, i] / z
     return points, pixels
+
+
+@njit(cache=True, nogil=True)
+def _clipped_rectangle(
+    points: np.ndarray, pixels: np.ndarray, corners: np.ndarray, camera: np.ndarray
+) -> tuple[float, float, float, float]:
+    """Return the screen rectangle of a triangle that extends behind the camera: left, right, top, bottom, pixels."""
+    left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
+    for n in range(3):
+        i, j = corners[n], corners[(n + 1) % 3]
+        z, following = points[2, i], points[2, j]
+        if z < -_NEAR:
+            px, py = pixels[0, i], pixels[1, i]
+            left, right, top, bottom = min(left, px), max(right, px), min(top, py), max(bottom, py)
+        if (z < -_NEAR) != (following < -_NEAR):
+            a = (-_NEAR - z) / (following - z)
+            px = camera[2] + camera[0] * (points[0, i] + a * (points[0, j] - points[0, i])) / _NEAR
+            py = camera[3] - camera[1] * (points[1, i] + a * (points[1, j] - points[1, i])) / _NEAR
+            left, right, top, bottom = min(left, px), max(right, px), min(top, py), max(bottom, py)
+    return left, right, top, bottom
 
 
 @njit(cache=True, nogil=True)
@@ -155,24 +156,15 @@ def rasterize(
             continue
         for f in range(c * CHUNK, min((c + 1) * CHUNK, len(faces))):
             i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-            nearest, farthest = (
-                max(points[2, i], points[2, j], points[2, k]),
-                min(points[2, i], points[2, j], points[2, k]),
-            )
-            if farthest >= -_NEAR:
+            z0, z1, z2 = points[2, i], points[2, j], points[2, k]
+            if min(z0, z1, z2) >= -_NEAR:
                 continue
-            if nearest < -_NEAR:
-                left, right = (
-                    min(pixels[0, i], pixels[0, j], pixels[0, k]),
-                    max(pixels[0, i], pixels[0, j], pixels[0, k]),
-                )
-                top, bottom = (
-                    min(pixels[1, i], pixels[1, j], pixels[1, k]),
-                    max(pixels[1, i], pixels[1, j], pixels[1, k]),
-                )
+            if max(z0, z1, z2) < -_NEAR:
+                x0, x1, x2 = pixels[0, i], pixels[0, j], pixels[0, k]
+                y0, y1, y2 = pixels[1, i], pixels[1, j], pixels[1, k]
+                left, right, top, bottom = min(x0, x1, x2), max(x0, x1, x2), min(y0, y1, y2), max(y0, y1, y2)
             else:
-                _corners(points, faces, f, v)
-                left, right, top, bottom = _clipped_rectangle(v, fl_x, fl_y, cx, cy)
+                left, right, top, bottom = _clipped_rectangle(points, pixels, faces[f], camera)
             if right < 0 or left > width or bottom < 0 or top > height:
                 continue
             # Pixel centres in the screen rectangle, with slack: it only limits the work, the edges decide. Most

@@ -169,36 +169,6 @@ def test_a_resumed_training_is_bit_identical(name, settings, last, tmp_path, mon
         run(tmp_path / "parts", settings, workers=1)
 
 
-class RandomStart:
-    """A constant reward that every process draws for itself, unless it gets the state of another."""
-
-    def __init__(self):
-        self.value = np.frombuffer(os.urandom(2), np.uint16).astype(np.float64)
-
-    def __call__(self, transition):
-        return float(self.value[0])
-
-    def collect(self):
-        return {"nothing": np.zeros(1)}
-
-    def update(self, batch):
-        return {}
-
-    def state_dict(self):
-        return {"value": self.value.copy()}
-
-    def load_state_dict(self, state):
-        self.value = state["value"]
-
-
-def test_all_environments_begin_with_the_same_learned_reward(tmp_path):
-    """That of the first checkpoint, from which an interrupted training would resume."""
-    train.train_policy("modular-random", tmp_path, replace(TINY, frames=48), RandomStart, workers=2, progress=False)
-    value = load_file(tmp_path / train.CHECKPOINT)["reward/value"][0]
-    curve = pd.read_csv(tmp_path / "curve.csv")
-    assert curve["reward"][0] == pytest.approx(value * curve["frames"][0] / TINY.environments, rel=1e-6)
-
-
 def test_episodes_longer_than_a_rollout_run_to_their_end(tmp_path, monkeypatch):
     settings = replace(GOALS, frames=256, rollout=4, batch=8, episode=6, demonstrations=0)
     ended: list[dict] = []

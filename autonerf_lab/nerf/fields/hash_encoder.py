@@ -30,6 +30,11 @@ def he_uniform(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     return rng.uniform(-bound, bound, shape).astype(np.float32)
 
 
+def first_layer(units: int, levels: int, rng: np.random.Generator) -> np.ndarray:
+    """Return initial weights (units, E) of a layer on encoded features; those of features that fill up are 0."""
+    return np.pad(he_uniform((units, 2 * levels), rng), ((0, 0), (0, encoded_size(levels) - 2 * levels)))
+
+
 class Buffers:
     """Scratch arrays that are reused between steps, because allocating fresh pages is slower than the work on them."""
 

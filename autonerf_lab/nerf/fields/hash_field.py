@@ -21,7 +21,14 @@ import numpy as np
 import torch
 
 from autonerf_lab.nerf.encodings import HashGrid, spherical_harmonics
-from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, encoded_size, he_uniform
+from autonerf_lab.nerf.fields.hash_encoder import (
+    TABLE_INIT,
+    Buffers,
+    HashEncoder,
+    encoded_size,
+    first_layer,
+    he_uniform,
+)
 from autonerf_lab.nerf.kernels import hash_field as kernels
 from autonerf_lab.nerf.kernels import volume_rendering
 from autonerf_lab.nerf.kernels.proposals import ProposalMatrices
@@ -50,7 +57,6 @@ def initial_parameters(
     s = settings
     semantic = s.hidden if classes else 0
     shapes = {
-        "density_0": (s.hidden, encoded_size(s.levels)),
         "density_1": (GEOMETRY, s.hidden),
         "color_geometry": (s.hidden, GEOMETRY),
         "color_ray": (s.hidden, HARMONICS + s.appearance),
@@ -61,9 +67,9 @@ def initial_parameters(
     }
     if s.semantic_layers == 2:
         shapes["semantic_middle"] = (semantic, semantic)
-    parameters = {name: he_uniform(shape, rng) for name, shape in shapes.items()}
+    parameters = {"density_0": first_layer(s.hidden, s.levels, rng)}
+    parameters |= {name: he_uniform(shape, rng) for name, shape in shapes.items()}
     parameters["color_2"][3] = 0  # padding: colour has three rows
-    parameters["density_0"][:, 2 * s.levels :] = 0
     parameters["table"] = rng.uniform(-TABLE_INIT, TABLE_INIT, (grid.entries, 2)).astype(np.float32)
     parameters["appearance"] = np.zeros((frames, s.appearance), np.float32)
     return parameters
@@ -90,7 +96,7 @@ class HashField:
         self._values = values
         self._encoder = HashEncoder(grid, box, values["table"])
         self._buffer = Buffers()
-        self._feature_weights: np.ndarray | None = None  # (2 L,) of the encoded features
+        self._feature_weights: np.ndarray | None = None  # (E,) of the encoded features
 
     def set_level_weights(self, weights_at: Callable[[int], np.ndarray]) -> None:
         """Weight the levels of the table; see :class:`~autonerf_lab.nerf.model.CoarseToFineField`."""

@@ -1,7 +1,8 @@
 """Multi-resolution hash encoding on the CPU (Müller et al. 2022, section 3), forward and backward.
 
-Same values as :mod:`autonerf_lab.nerf.encodings`, many times faster. Features come in tiles, (B, 2 L, W): tile b holds
-the points [b W, (b + 1) W) feature-major, the layout of the fused kernels. The table rows of a tile's corners are found
+Same values as :mod:`autonerf_lab.nerf.encodings`, many times faster. Features come in tiles, (B, E, W): tile b holds
+the points [b W, (b + 1) W) feature-major, the layout of the fused kernels. Of the E features, two for each level are
+written; the rest fills up to a multiple of 4. The table rows of a tile's corners are found
 first, in 32-bit integers, which the compiler vectorises; a separate loop then reads the table. The forward pass is
 parallel over points. The backward scatter is parallel over levels, each owned by one thread: no two threads add to one
 address, and the sum has the same bits on any number of threads.
@@ -96,7 +97,7 @@ def hash_encode(x, table, offsets, resolutions, masks, out):
         offsets: (L,) int64, first entry of each level.
         resolutions: (L, 3) int64, cells along each axis.
         masks: (L,) int64, table size - 1 where the level is hashed, 0 where it is dense.
-        out: (B, 2 L, W) float32 with B W = N, written.
+        out: (B, E, W) float32 with B W = N, written.
     """
     levels, tiles, width = resolutions.shape[0], out.shape[0], out.shape[2]
     # A chunk stays on one level, so that the level's table stays in the cache. An even number suits two threads.
@@ -121,7 +122,7 @@ def hash_encode_backward(x, d_out, offsets, resolutions, masks, d_table):
 
     Args:
         x, offsets, resolutions, masks: as in :func:`hash_encode`.
-        d_out: (B, 2 L, W) float32, gradient of the features.
+        d_out: (B, E, W) float32, gradient of the features.
         d_table: (entries, 2) float32, added to.
     """
     levels, tiles, width = resolutions.shape[0], d_out.shape[0], d_out.shape[2]
@@ -154,7 +155,7 @@ def hash_encode_points_backward(x, table, d_out, offsets, resolutions, masks, d_
 
     Args:
         x, table, offsets, resolutions, masks: as in :func:`hash_encode`.
-        d_out: (B, 2 L, W) float32, gradient of the features.
+        d_out: (B, E, W) float32, gradient of the features.
         d_x: (3, N) float32, written.
     """
     levels, width = resolutions.shape[0], d_out.shape[2]

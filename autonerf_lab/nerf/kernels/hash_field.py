@@ -42,10 +42,10 @@ class FieldMatrices(NamedTuple):
     """Weight matrices of a hash field, float32, sizes multiples of 4.
 
     The kernels also take their transposes, and gradients with a leading axis of CHUNKS, in the same form. H: hidden
-    units, L: levels of the hash table, F: features of a ray, C: classes.
+    units, E: encoded features, two for each level and zeros up to a multiple of 4, F: features of a ray, C: classes.
     """
 
-    density_0: np.ndarray  # (H, 2 L), with 2 L rounded up to a multiple of 4
+    density_0: np.ndarray  # (H, E)
     density_1: np.ndarray  # (16, H)
     color_geometry: np.ndarray  # (H, 16) first colour layer, geometry features
     color_ray: np.ndarray  # (H, F) first colour layer, features of the ray
@@ -175,7 +175,7 @@ def train_rays(
     Args:
         matrices, transposed: :class:`FieldMatrices`, and the same transposed.
         gradients: like ``matrices`` with a leading axis of CHUNKS, added to.
-        enc: (R / TILE_RAYS, 2 L, TILE_RAYS S), encoded bin midpoints; overwritten by their gradient.
+        enc: (R / TILE_RAYS, E, TILE_RAYS S), encoded bin midpoints; overwritten by their gradient.
         features: (R / TILE_RAYS, F, TILE_RAYS), spherical harmonics and appearance of the rays.
         starts, ends: (R, S), distances of the bins, metres.
         target: (R, 3), colours in [0, 1].
@@ -255,25 +255,9 @@ def train_rays(
                 rgb, last, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_last, slopes, d_packed
             )
             _heads_backward(
-                transposed,
-                gradients,
-                chunk,
-                learn,
-                owned,
-                n,
-                g,
-                c0,
-                c1,
-                s0,
-                s1,
-                d_rgb,
-                d_s0,
-                d_s1,
-                d_ray,
-                d_c,
-                d_h,
+                transposed, gradients, chunk, learn, owned, n, g, c0, c1, s0, s1, d_rgb, d_s0, d_s1, d_ray, d_c, d_h,
                 d_g,
-            )
+            )  # fmt: skip
             weight_gradient(d_ray, features[b], gradients.color_ray[chunk], TILE_RAYS)
             dense(transposed.color_ray, d_ray, d_features[b], TILE_RAYS)
             k = 0
@@ -364,7 +348,7 @@ def render_rays(matrices, enc, features, starts, ends, min_weight, density_gain,
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def geometry_features(matrices, enc, out):
-    """Write the density network's outputs (B, 16, W) for encoded points (B, 2 L, W); row 0 is the log density.
+    """Write the density network's outputs (B, 16, W) for encoded points (B, E, W); row 0 is the log density.
 
     ``matrices`` is a :class:`FieldMatrices`.
     """

@@ -13,7 +13,7 @@ from autonerf_lab.nerf.kernels.volume_rendering import interlevel, ray_weights, 
 class ProposalMatrices(NamedTuple):
     """Weight matrices of a proposal network, or their transposes, or gradients with a leading axis of CHUNKS."""
 
-    hidden: np.ndarray  # (H, 2 L) float32
+    hidden: np.ndarray  # (H, E) float32
     output: np.ndarray  # (4, H) float32; only the first row is used, the log density
 
 
@@ -22,8 +22,8 @@ def propose(matrices, enc, edges, weights, raw):
     """Compute the weights of a proposal network.
 
     Args:
-        matrices: hidden (H, 2 L) and output (4, H), a :class:`ProposalMatrices`.
-        enc: (R / TILE_RAYS, 2 L, TILE_RAYS P) encoded bin midpoints.
+        matrices: hidden (H, E) and output (4, H), a :class:`ProposalMatrices`.
+        enc: (R / TILE_RAYS, E, TILE_RAYS P) encoded bin midpoints.
         edges: (R, P + 1) distances, metres.
         weights, raw: (R, P), written: volume-rendering weights and log densities.
     """

@@ -7,7 +7,7 @@ import torch
 
 from autonerf_lab.nerf import rendering
 from autonerf_lab.nerf.encodings import HashGrid, hash_encode
-from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, encoded_size, he_uniform
+from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, first_layer, he_uniform
 from autonerf_lab.nerf.fields.hash_field import transposed
 from autonerf_lab.nerf.fields.torch_field import gradients_of, midpoints, tensors
 from autonerf_lab.nerf.kernels import proposals, volume_rendering
@@ -38,8 +38,7 @@ def _start(settings: ProposalSettings, box: SceneBox, rng: np.random.Generator) 
     ]
     values = {}
     for k, grid in enumerate(grids):
-        values[f"proposal_{k}_0"] = he_uniform((s.proposal_hidden, encoded_size(s.proposal_levels)), rng)
-        values[f"proposal_{k}_0"][:, 2 * s.proposal_levels :] = 0
+        values[f"proposal_{k}_0"] = first_layer(s.proposal_hidden, s.proposal_levels, rng)
         values[f"proposal_{k}_1"] = he_uniform((4, s.proposal_hidden), rng)  # row 0 is the log density
         values[f"proposal_{k}_table"] = rng.uniform(-TABLE_INIT, TABLE_INIT, (grid.entries, 2)).astype(np.float32)
     return grids, values
