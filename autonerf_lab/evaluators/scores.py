@@ -5,9 +5,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.metrics import FINETUNING_STAGES, METRICS
@@ -15,13 +13,16 @@ from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
 from autonerf_lab.utils.extras import optional
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 _COLUMNS, _PAPER_COLUMNS = ("task", "metric", "unit", "value"), ("paper best", "paper frontier")
 
 
 def _text(value: float | None, status: str = "ok") -> str:
     if value is None:
         return status.split(":", 1)[0] if status != "ok" else "–"  # the full reason is in the row
-    return f"{value:.3g}"
+    return f"{round(value, 9):.3g}"  # rounding errors, such as 1e-15 m, are zero
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,10 @@ class Scores(list[Score]):
     def _repr_html_(self) -> str:
         return self.html()
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> "pd.DataFrame":
         """Return a data frame: one row per score, one column per field of :class:`~autonerf_lab.types.Score`."""
+        import pandas as pd
+
         return pd.DataFrame([asdict(row) for row in self], columns=[f.name for f in fields(Score)])
 
     def save(self, path: str | Path) -> None:

@@ -95,7 +95,7 @@ class NeRF:
 
     def seen(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) bool: True if a world point (N, 3) lies between a training camera and its surface, or on it."""
-        return self.visibility(self.frame.to_field(points))
+        return self.visibility(self._to_field(points))
 
     def _to_field(self, points: np.ndarray) -> np.ndarray:
         return self.frame.to_field(_checked("points", points))

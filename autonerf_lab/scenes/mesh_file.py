@@ -179,21 +179,23 @@ def _objects(mesh: Any, faces: np.ndarray) -> dict[str, np.ndarray]:
     return {"object_id": numbers.astype(np.int64)} if plain else {}
 
 
-def _pixels(image: Any, known: dict[Any, np.ndarray]) -> np.ndarray:
-    """Return the pixels of an image; equal images share one array, even if the loader copied them."""
+def _pixels(image: Any, tint: np.ndarray, known: dict[Any, np.ndarray]) -> np.ndarray:
+    """Return the pixels of an image times ``tint``; equal images share one array, even if the loader copied them."""
     if max(image.size) > MAX_PIXELS:
         raise SceneError(
             f"a texture of {image.size[0]} x {image.size[1]} pixels is too large; at most {MAX_PIXELS} a side"
         )
-    if id(image) not in known:
-        digest = hashlib.sha256(image.tobytes()).digest()
+    name = (id(image), tint.tobytes())
+    if name not in known:
+        digest = hashlib.sha256(image.tobytes() + tint.tobytes()).digest()
         if digest not in known:
             total = sum(array.size // 3 for key, array in known.items() if isinstance(key, bytes))
             if total + image.size[0] * image.size[1] > MAX_TEXELS:
                 raise SceneError(f"its textures exceed the limit of {MAX_TEXELS / 1e6:.0f} megapixels")
-            known[digest] = np.asarray(image.convert("RGB"))
-        known[id(image)] = known[digest]
-    return known[id(image)]
+            tinted = np.rint(np.outer(tint, np.arange(256))).astype(int).ravel().tolist()
+            known[digest] = np.asarray(image.convert("RGB").point(tinted))
+        known[name] = known[digest]
+    return known[name]
 
 
 def _appearance(mesh: Any, faces: np.ndarray, images: dict[Any, np.ndarray]) -> dict[str, Any]:
@@ -202,16 +204,18 @@ def _appearance(mesh: Any, faces: np.ndarray, images: dict[Any, np.ndarray]) -> 
     uv = getattr(visual, "uv", None)
     material = getattr(visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    factor = getattr(material, "baseColorFactor", None)  # of glTF, linear; it also multiplies the texture
+    tint = np.ones(3) if factor is None else (np.asarray(factor)[:3] / 255) ** (1 / 2.2)
     if uv is not None and image is not None and np.shape(uv) == (len(mesh.vertices), 2):
         corner = np.asarray(uv, dtype=np.float64)[faces]
         if not np.isfinite(corner).all():
             raise SceneError("a texture coordinate is not a finite number")
         corner[..., 1] = 1 - corner[..., 1]  # trimesh puts v = 0 at the bottom row
-        return {"image": _pixels(image, images), "uv": corner}
+        return {"image": _pixels(image, tint, images), "uv": corner}
     if visual.kind == "vertex":
         return {"color": np.asarray(visual.vertex_colors)[:, :3][faces]}
     if visual.kind == "face":
         return {"color": np.repeat(np.asarray(visual.face_colors)[:, None, :3], 3, axis=1)}
-    base = getattr(material, "main_color", None)
-    color = np.asarray(base if base is not None else (190, 190, 190, 255))[:3]
+    base = getattr(material, "main_color", None) if factor is None else np.rint(255 * tint)
+    color = np.asarray(base if base is not None else (190, 190, 190, 255))[:3].astype(np.uint8)
     return {"color": np.broadcast_to(color, (len(faces), 3, 3))}

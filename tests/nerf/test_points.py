@@ -38,11 +38,12 @@ def field(request: pytest.FixtureRequest) -> NeRF:
         lambda field, bad: field.color(bad),
         lambda field, bad: field.color(np.zeros((20, 3)), bad),
         lambda field, bad: field.semantics(bad),
+        lambda field, bad: field.seen(bad),
         lambda field, bad: field.render(POSE + np.pad(bad[3:6], ((0, 1), (1, 0)))),
         lambda field, bad: field.ray_gradients(bad, np.repeat(DOWN, 20, axis=0), np.zeros((20, 3))),
         lambda field, bad: field.ray_gradients(np.zeros((20, 3)), bad, np.zeros((20, 3))),
     ],
-    ids=["density", "color", "directions", "semantics", "render", "origins", "ray directions"],
+    ids=["density", "color", "directions", "semantics", "seen", "render", "origins", "ray directions"],
 )
 def test_points_and_rays_that_are_not_finite_are_refused(
     field: NeRF, call: Callable[[NeRF, np.ndarray], Any], value: float

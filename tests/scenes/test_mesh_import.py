@@ -11,6 +11,7 @@ import autonerf_lab as lab
 from autonerf_lab.errors import SceneError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.scenes import generate_apartment, import_scene, top_view
+from autonerf_lab.scenes.mesh_file import load_parts
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*the highest surface is only 0.00 m:UserWarning"),  # floors alone
@@ -143,3 +144,20 @@ def test_the_floor_is_found(tmp_path: Path, meshes: list[trimesh.Trimesh], toler
     mesh.export(tmp_path / "scan.ply")
     scene = import_scene(tmp_path / "scan.ply")
     assert abs(mesh.bounds[0, 2] - scene.bounds[0, 2]) <= tolerance
+
+
+def test_base_colour_multiplies_the_texture(tmp_path: Path) -> None:
+    """Base colours of glTF are linear: half of the light is 186 of 255 in sRGB (with a gamma of 2.2)."""
+    factor = [0.5, 0.0, 1.0, 1.0]
+    image = Image.fromarray(np.full((4, 4, 3), 200, np.uint8))
+    materials = {
+        "textured": trimesh.visual.material.PBRMaterial(baseColorTexture=image, baseColorFactor=factor),
+        "plain": trimesh.visual.material.PBRMaterial(baseColorFactor=factor),
+    }
+    for name, expected in (("textured", [146, 0, 200]), ("plain", [186, 0, 255])):
+        floor = trimesh.Trimesh([[0, 0, 0], [4, 0, 0], [4, 0, -3], [0, 0, -3]], [[0, 1, 2], [0, 2, 3]], process=False)
+        floor.visual = trimesh.visual.TextureVisuals(uv=np.zeros((4, 2)), material=materials[name])
+        (tmp_path / f"{name}.glb").write_bytes(trimesh.exchange.gltf.export_glb(trimesh.Scene(floor)))
+        parts = load_parts(tmp_path / f"{name}.glb")
+        color = parts[0]["image"][0, 0] if name == "textured" else parts[0]["color"][0, 0]
+        assert np.abs(color.astype(int) - expected).max() <= 1, name
