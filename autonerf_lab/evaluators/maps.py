@@ -119,8 +119,6 @@ def share_within(cells: np.ndarray, others: np.ndarray, radius: float) -> float 
     """
     if len(cells) == 0:
         return None
-    if len(others) == 0:
-        return 0.0
     distance, _ = cKDTree(others).query(cells, distance_upper_bound=radius + 1e-6)
     return float(100 * np.mean(np.isfinite(distance)))
 

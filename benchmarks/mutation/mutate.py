@@ -68,7 +68,15 @@ TESTS = {  # module -> its tests; the fastest first
     "nerf/checkpoint": ("tests/nerf/test_checkpoint.py",),
     "planning/dilation": ("tests/planning/test_planning.py",),
     "planning/fast_marching": ("tests/planning/test_planning.py",),
+    "planning/local_policy": ("tests/planning/test_planning.py",),
     "rewards/base": ("tests/rewards/test_base.py",),
+    "rewards/cov": ("tests/rewards/test_rewards.py",),
+    "rewards/nov": ("tests/rewards/test_rewards.py",),
+    "rewards/obs": ("tests/rewards/test_rewards.py",),
+    "rewards/sem": ("tests/rewards/test_rewards.py",),
+    "rewards/view": ("tests/rewards/test_rewards.py",),
+    "rewards/weighted_sum": ("tests/rewards/test_rewards.py",),
+    "training/checkpoint": ("tests/training/test_checkpoint.py",),
     "utils/storage": ("tests/utils/test_storage.py",),
 }
 

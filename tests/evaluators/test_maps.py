@@ -9,6 +9,7 @@ from hand_map import hand_map
 
 from autonerf_lab.errors import SceneError
 from autonerf_lab.evaluators import TrueField
+from autonerf_lab.evaluators.context import EvaluationContext
 from autonerf_lab.evaluators.ground_truth import MapGrid, true_map
 from autonerf_lab.evaluators.maps import (
     CellState,
@@ -18,9 +19,11 @@ from autonerf_lab.evaluators.maps import (
     predict_states,
     share_within,
 )
-from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_cells, semantic_scores
+from autonerf_lab.evaluators.semantic_maps import MapsTask, point_cloud, semantic_cells, semantic_scores
 from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.presets import preset
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.types import Rendering
 
 U, F, O = CellState.UNKNOWN, CellState.FREE, CellState.OCCUPIED  # noqa: E741
 
@@ -122,11 +125,11 @@ def test_large_maps_are_computed_in_parts(monkeypatch):
 
 
 def test_the_tolerance_of_occupied_cells_is_5_cm():
-    """Three predicted cells, 5 and 6 cells of 1 cm from the true cell; the last is not scored."""
-    truth = hand_map(["#........     "])
-    states = np.array([[F, F, F, F, F, O, O, F, F, F, F, F, F, O]])
+    """Three predicted cells, 5 cm, 5.1 cm and farther from the true cell; the last is not scored."""
+    truth = hand_map(["#........     ", ".........     "])
+    states = np.array([[F, F, F, F, F, O, F, F, F, F, F, F, F, O], [F, F, F, F, F, O, F, F, F, F, F, F, F, F]])
     assert occupancy_scores(states, truth) == {"occupancy_precision": 50.0, "occupancy_recall": 100.0}
-    unscored = np.array([[F] * 9 + [O] * 5])
+    unscored = np.array([[F] * 9 + [O] * 5] * 2)
     assert occupancy_scores(unscored, truth) == {"occupancy_precision": None, "occupancy_recall": 0.0}
 
 
@@ -151,6 +154,58 @@ def test_points_outside_the_height_band_or_the_grid_are_ignored():
     grid = MapGrid(np.zeros(2), (2, 2), 1.0)
     points = np.array([[0.5, 0.5, 0.05], [0.5, 0.5, 0.95], [5, 5, 0.5], [1.5, 0.5, 0.5]])
     assert semantic_cells(points, np.array([1, 2, 3, 4]), grid).tolist() == [[0, 4], [0, 0]]
+
+
+class Recorder:
+    """Field whose renderings are empty; it records their poses and sizes."""
+
+    def __init__(self, count, width, height):
+        self.poses = np.tile(np.eye(4), (count, 1, 1))
+        self.poses[:, 0, 3] = np.arange(count)
+        self.intrinsics = Intrinsics.from_fov(width, height)
+        self.views, self.sizes = [], set()
+
+    def render(self, c2w, intrinsics):
+        self.views.append(int(c2w[0, 3]))
+        self.sizes.add((intrinsics.width, intrinsics.height))
+        nothing = np.zeros((intrinsics.height, intrinsics.width), np.float32)
+        return Rendering(np.zeros((*nothing.shape, 3), np.float32), nothing, None, nothing)
+
+
+@pytest.mark.parametrize(
+    ("camera", "size"),
+    [((128, 96), (64, 48)), ((96, 128), (48, 64)), ((40, 30), (40, 30)), ((300, 1), (64, 1)), ((1, 300), (1, 64))],
+)
+def test_views_of_the_point_cloud_have_at_most_64_pixels_a_side(camera, size):
+    field = Recorder(2, *camera)
+    point_cloud(field)
+    assert field.sizes == {size} and field.views == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("count", "views"), [(3 * 64 * 48, [0, 2, 4]), (1, [0]), (64 * 48 - 1, [0]), (10**6, [0, 1, 2, 3, 4])]
+)
+def test_views_of_the_point_cloud_are_evenly_spaced(count, views):
+    field = Recorder(5, 128, 96)
+    point_cloud(field, count)
+    assert field.views == views
+
+
+def test_the_point_cloud_has_a_million_rays():
+    field = Recorder(401, 50, 50)
+    point_cloud(field)
+    assert len(field.views) == 400
+
+
+def test_the_task_has_all_scores_of_maps(sim, truth, field):
+    context = EvaluationContext(field, sim.scene, preset("smoke"))
+    vars(context).update(
+        truth=truth, states=predict_states(field, truth.grid), labels=np.full(truth.grid.shape, 4, np.uint8)
+    )
+    values = MapsTask().run(context).values
+    expected = free_scores(context.states, truth) | occupancy_scores(context.states, truth)
+    assert values == expected | semantic_scores(context.labels, truth)
+    assert set(values) == {metric.name for metric in MapsTask.metrics}
 
 
 def test_true_map_of_the_toy_scene(truth):

@@ -26,7 +26,7 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.types import Score
 
-BOUNDS = np.array([[-1.0, -1, -1], [1, 1, 1]])
+BOUNDS = np.array([[-0.8, -1, -1.6], [1, 1, 1]])  # 46 x 51 x 66 nodes of 4 cm
 
 
 class Ball:
@@ -68,7 +68,7 @@ def test_marching_cubes_finds_the_ball(ball):
     assert set(ball.vertex_attributes["semantics"]) == {4}
 
 
-@pytest.mark.parametrize("nodes", [3 * 51 * 51, 12 * 51 * 9, 1])  # cut along x, along x and y, into columns
+@pytest.mark.parametrize("nodes", [3 * 51 * 66, 12 * 9 * 66, 1])  # cut along x, along x and y, into columns
 def test_blocks_do_not_change_the_mesh(ball, monkeypatch, nodes):
     from autonerf_lab.evaluators import mesh
 
@@ -203,6 +203,26 @@ def test_blocks_of_a_fine_grid_fit_in_memory_and_share_no_cube():
     assert max(np.prod(last - first) for first, last in blocks) <= mesh._BLOCK_NODES
     cubes = sum(int(np.prod(last - first - 1)) for first, last in blocks)
     assert cubes == 2000**3, "each cube is in one block"
+
+
+@pytest.mark.parametrize(("size", "count"), [((2001, 501, 1001), 667), ((2001, 1001, 501), 667)])
+def test_a_block_has_as_many_planes_as_fit(size, count):
+    """2**21 nodes are 4 planes of 501 x 1001: three layers of cubes."""
+    from autonerf_lab.evaluators import mesh
+
+    assert len(list(mesh._blocks(list(size)))) == count
+
+
+def test_opacities_are_smoothed_over_the_neighbours_that_were_sampled():
+    """A quarter of each neighbour and half of the node itself along an axis; nodes without a sample have no weight."""
+    from autonerf_lab.evaluators import mesh
+
+    alpha = np.zeros((5, 5, 5), np.float32)
+    alpha[2:] = 1
+    sampled = np.ones((5, 5, 5), bool)
+    assert mesh._smooth(alpha, sampled)[:, 2, 2].tolist() == [0, 0.25, 0.75, 1, 1]
+    sampled[1] = False
+    assert mesh._smooth(alpha, sampled)[:, 2, 2].tolist() == [0, 0, 1, 1, 1]
 
 
 def test_samples_are_uniform_and_distances_exact():
