@@ -100,6 +100,17 @@ def test_gaps_of_at_most_two_nodes_in_the_seen_space_are_closed(width, closed):
     assert extract_mesh(Slit(), voxel=0.04, bounds=BOUNDS).is_watertight == closed
 
 
+def test_the_last_layer_of_cubes_is_kept_if_it_was_seen():
+    class End(Ball):
+        def seen(self, points):
+            return points[:, 0] > 0.43
+
+    bounds = np.array([BOUNDS[0], [0.48, 1, 1]])  # the last layer is between 0.44 and 0.48
+    meshes = (extract_mesh(field, voxel=0.04, bounds=bounds, min_triangles=1) for field in (Ball(), End()))
+    everything, end = ((mesh.triangles_center[:, 0] > 0.44).sum() for mesh in meshes)
+    assert end == everything > 0
+
+
 def test_a_surface_has_no_holes_where_sight_ends_at_it():
     class Outside(Ball):
         def seen(self, points):
