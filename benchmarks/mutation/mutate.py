@@ -70,7 +70,6 @@ TESTS = {  # module -> its tests; the fastest first
     "planning/fast_marching": ("tests/planning/test_planning.py",),
     "planning/local_policy": ("tests/planning/test_planning.py",),
     "rewards/base": ("tests/rewards/test_base.py",),
-    "rewards/nov": ("tests/rewards/test_rewards.py",),
     "rewards/weighted_sum": ("tests/rewards/test_rewards.py",),
     "training/checkpoint": ("tests/training/test_checkpoint.py",),
     "utils/storage": ("tests/utils/test_storage.py",),
