@@ -1,11 +1,11 @@
 """Ablation of Semantic Nerfacto: the ``fast`` settings with one change at a time.
 
-    python benchmarks/ablation.py                  # about two hours; writes benchmarks/ablation.md
+    python benchmarks/ablation.py                  # about four hours; writes benchmarks/ablation.md
     python benchmarks/ablation.py --quick          # two rows and a few steps, written under runs/
 
-A cell is one row of VARIATIONS on one scene, stored as JSON under ``--cells``. An interrupted run continues where it
-stopped; a cell whose settings have changed is computed again. The time of a step is measured separately from the fit,
-in turns with a step of the base, so that other load affects both alike.
+A cell is one row of VARIATIONS on one scene with one seed, stored as JSON under ``--cells``. An interrupted run
+continues where it stopped; a cell whose settings have changed is computed again. The time of a step is measured
+separately from the fit, on the first scene, in turns with a step of the base, so that other load affects both alike.
 
 Prints the table and, as the last line, one JSON object.
 """
@@ -15,9 +15,11 @@ import json
 import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from common.output import mean_of
 from common.training import Trainer, fit_and_score, in_fresh_process, interleaved, pixels_of
 from common.views import read_views, write_views
@@ -37,7 +39,6 @@ class Variation:
     name: str  # heading of the row
     overrides: Mapping[str, Any]
     model: str = "semantic-nerfacto"
-    seed: int = 0
 
     @property
     def settings(self) -> Settings:
@@ -47,7 +48,6 @@ class Variation:
 
 VARIATIONS = (
     Variation("base", {}),
-    Variation("base, another seed", {}, seed=1),  # size of random differences
     Variation("no distortion loss", {"distortion_weight": 0.0}),
     Variation("interlevel weight 0.1", {"interlevel_weight": 0.1}),
     Variation("24 samples", {"samples": 24}),
@@ -65,7 +65,10 @@ VARIATIONS = (
     Variation("semantic weight 0.1", {"semantic_weight": 0.1}),
     Variation("semantic weight 0.5", {"semantic_weight": 0.5}),
     Variation("colour without view direction", {"view_dependent": False}),
+    Variation("no rays by class", {"rays_by_class": 0.0}),
     Variation("two rounds of proposals, 64 and 32", {"proposal_samples": (64, 32)}),
+    Variation("two rounds of proposals, padding 0.3", {"proposal_samples": (64, 32), "padding": 0.3}),
+    Variation("one round of proposals, padding 0.3", {"padding": 0.3}),
     Variation("proposals updated every 2nd step", {"proposal_every": 2}),
     Variation("all samples active (min_weight 0)", {"min_weight": 0.0}),
     Variation("shell as thick as half the box", {"shell": 1.0}),
@@ -85,7 +88,7 @@ COLUMNS = {  # score -> heading, factor, decimals
 def rows_to_run() -> list[Variation]:
     """Return the base and the rows that differ from it; a change may have become the default."""
     base, *others = VARIATIONS
-    return [base, *(row for row in others if (row.settings, row.seed, row.model) != (BASE, base.seed, base.model))]
+    return [base, *(row for row in others if (row.settings, row.model) != (BASE, base.model))]
 
 
 def relative_step(folder: Path, row: Variation, quick: bool) -> float:
@@ -100,17 +103,18 @@ def relative_step(folder: Path, row: Variation, quick: bool) -> float:
     return times["row"] / times["base"]
 
 
-def run_cell(folder: Path, row: Variation, identity: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:
-    """Fit, evaluate and time one row on one scene."""
+def run_cell(folder: Path, row: Variation, seed: int, timed: bool, options: argparse.Namespace) -> dict[str, Any]:
+    """Fit and evaluate one row on one scene with one seed, and measure the time of its steps if it is asked for."""
     settings = row.settings
     if options.quick:
         settings = replace(settings, steps=20)
-    arguments = {"model": row.model, "seed": row.seed}
-    found = in_fresh_process(options.threads, fit_and_score, folder, settings, **arguments)
-    step = 1.0
-    if (row.settings, row.model) != (BASE, VARIATIONS[0].model):
-        step = in_fresh_process(options.threads, relative_step, folder, row, options.quick)
-    return {"identity": identity, **found["rows"][-1], "relative_step": step}
+    found = in_fresh_process(options.threads, fit_and_score, folder, settings, model=row.model, seed=seed)
+    step = None
+    if timed:
+        step = 1.0
+        if (row.settings, row.model) != (BASE, VARIATIONS[0].model):
+            step = in_fresh_process(options.threads, relative_step, folder, row, options.quick)
+    return {**found["rows"][-1], "relative_step": step}
 
 
 def finished(path: Path, identity: dict[str, Any]) -> dict[str, Any] | None:
@@ -119,28 +123,29 @@ def finished(path: Path, identity: dict[str, Any]) -> dict[str, Any] | None:
     return cell if cell and cell["identity"] == json.loads(json.dumps(identity)) else None
 
 
-def run_scene(scene: str, rows: list[Variation], options: argparse.Namespace) -> dict[str, dict[str, Any]]:
-    """Return all rows of one scene by name; views are rendered when the first cell needs them."""
-    cells = {}
+def run_scene(scene: str, rows: list[Variation], options: argparse.Namespace) -> dict[str, list[dict[str, Any]]]:
+    """Return the cells of all rows on one scene by name, one per seed; the views are rendered if a cell is missing."""
+    cells: dict[str, list[dict[str, Any]]] = {row.name: [] for row in rows}
     with tempfile.TemporaryDirectory() as folder:
         views = Path(folder) / scene
-        for row in rows:
-            identity = {"scene": scene, "model": row.model, "seed": row.seed, "settings": asdict(row.settings)}
+        for seed, row in product(options.seeds, rows):
+            identity = {"scene": scene, "model": row.model, "seed": seed, "settings": asdict(row.settings)}
             identity |= {"views": options.views, "test_views": options.test_views}
-            path = options.cells / scene / f"{slug(row.name)}.json"
+            path = options.cells / scene / f"{slug(row.name)}-{seed}.json"
             cell = finished(path, identity)
             if cell is None:
                 if not views.exists():
                     in_fresh_process(options.threads, write_views, scene, views, options.views, options.test_views)
                 try:
-                    cell = run_cell(views, row, identity, options)
+                    timed = (scene, seed) == (options.scenes[0], options.seeds[0])
+                    cell = {"identity": identity, **run_cell(views, row, seed, timed, options)}
                 except AutoNerfError as error:
                     print(f"{scene}  {row.name}: {error}", flush=True)
-                    cells[row.name] = dict.fromkeys(COLUMNS)
+                    cells[row.name].append(dict.fromkeys(COLUMNS))
                     continue
                 write_json(path, cell)
-            cells[row.name] = cell
-            print(f"{scene}  {row.name:<36}{cell['psnr']:>7.2f} dB {cell['seconds']:>7.1f} s", flush=True)
+            cells[row.name].append(cell)
+            print(f"{scene}  {seed}  {row.name:<36}{cell['psnr']:>7.2f} dB {cell['seconds']:>7.1f} s", flush=True)
     return cells
 
 
@@ -163,16 +168,30 @@ def table(results: dict[str, list[dict[str, Any]]]) -> str:
     return "\n".join(lines)
 
 
+def random_differences(base: list[dict[str, Any]], seeds: int) -> str:
+    """Describe how much trainings of the base differ that differ only in their seed; empty with one seed."""
+    if seeds < 2:
+        return ""
+    found = []
+    for key in list(COLUMNS)[:-1]:
+        values = np.reshape([cell[key] for cell in base], (-1, seeds))  # scenes, seeds
+        _, factor, decimals = COLUMNS[key]
+        found.append(f"{factor * np.ptp(values, axis=1).mean():.{decimals}f}")
+    return "\nTrainings of the base with another seed differ by {} dB, {} (SSIM), {} points and {} cm.".format(*found)
+
+
 def text(results: dict[str, list[dict[str, Any]]], options: argparse.Namespace) -> str:
     """Return the Markdown file."""
+    seeds = list(map(str, options.seeds))
+    differences = random_differences(results["base"], len(seeds))
     return f"""# Ablation of Semantic Nerfacto
 
-Written by `python benchmarks/ablation.py --scenes {" ".join(options.scenes)}`.
+Written by `python benchmarks/ablation.py --scenes {" ".join(options.scenes)} --seeds {" ".join(seeds)}`.
 
 Each row changes one of the `fast` settings; {BASE.steps} steps and no depth unless the row says otherwise.
 Trained on {options.views} views of 128×128, uniform over the scene; evaluated on {options.test_views} test views.
-Values are means over {", ".join(options.scenes)} with one seed. The row with another seed shows the size of random
-differences. The time of a step is measured in turns with the base, both after an eighth of their training.
+Values are means over {", ".join(options.scenes)}, each with seed {" and ".join(seeds)}.{differences}
+The time of a step is measured in turns with the base, both after an eighth of their training.
 
 {table(results)}
 """
@@ -182,6 +201,7 @@ def main() -> None:
     """Run the missing cells, then print and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", nargs="+", default=["dev-0", "dev-1"], help="Names of scenes.")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1], help="Random seeds.")
     names = [row.name for row in rows_to_run()]
     parser.add_argument("--rows", nargs="+", choices=names, metavar="NAME", help="Rows besides the base. Default: all.")
     parser.add_argument("--views", type=int, default=600, help="Training views per scene.")
@@ -196,12 +216,12 @@ def main() -> None:
         rows = [rows[0], *(row for row in rows[1:] if row.name in options.rows)]
     if options.quick:
         rows = rows if options.rows else [rows[0], rows[2]]
-        options.scenes, options.views, options.test_views = options.scenes[:1], 60, 4
+        options.scenes, options.seeds, options.views, options.test_views = options.scenes[:1], options.seeds[:1], 60, 4
     options.cells = options.cells or Path("runs/ablation-quick" if options.quick else "runs/ablation")
     quick_out = options.cells / "ablation.md"
     options.out = options.out or (quick_out if options.quick else Path(__file__).with_suffix(".md"))
     by_scene = [run_scene(scene, rows, options) for scene in options.scenes]
-    results = {row.name: [cells[row.name] for cells in by_scene] for row in rows}
+    results = {row.name: [cell for cells in by_scene for cell in cells[row.name]] for row in rows}
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(text(results, options))
     print(table(results))
