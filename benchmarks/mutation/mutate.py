@@ -68,7 +68,7 @@ TESTS = {  # module -> its tests; the fastest first
     "nerf/checkpoint": ("tests/nerf/test_checkpoint.py",),
     "planning/dilation": ("tests/planning/test_planning.py",),
     "planning/fast_marching": ("tests/planning/test_planning.py",),
-    "planning/local_policy": ("tests/planning/test_planning.py",),
+    "planning/local_policy": ("tests/planning/test_local_policy.py",),
     "rewards/base": ("tests/rewards/test_base.py",),
     "rewards/weighted_sum": ("tests/rewards/test_rewards.py",),
     "training/checkpoint": ("tests/training/test_checkpoint.py",),

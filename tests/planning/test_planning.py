@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from autonerf_lab.exploration import explore
-from autonerf_lab.geometry import Intrinsics, planar_pose
-from autonerf_lab.mapping import empty_map
-from autonerf_lab.planning import LocalPolicy, descend, dilate, path_length, travel_distance, weighted_success
+from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.planning import descend, dilate, path_length, travel_distance, weighted_success
 from autonerf_lab.planning.dilation import bounding_box, nearest_set_cell
 from autonerf_lab.planning.fast_marching import UpdatedDistance
 from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
-from autonerf_lab.types import Action
 
 MAZE = """
 ..........
@@ -238,94 +236,3 @@ def test_the_nearest_set_cell_is_the_first_of_those_at_the_smallest_distance():
             want = cells[np.argmin(((cells - (row, col)) ** 2).sum(axis=1))]
             assert nearest_set_cell(mask, row, col) == tuple(want)
     assert nearest_set_cell(np.zeros((3, 3), bool), 1, 1) == (-1, -1)
-
-
-def _map(walls=(), heading=0.0, size=120):
-    """Explored map of 6 m a side with the robot at its centre, the origin; walls are (x0, y0, x1, y1), metres."""
-    state = empty_map(planar_pose(0.01, 0.01, heading), size=size)
-    state.explored[:] = True
-    for x0, y0, x1, y1 in walls:
-        cols = slice(round((x0 + 3) / 0.05), max(round((x0 + 3) / 0.05) + 1, round((x1 + 3) / 0.05)))
-        rows = slice(round((y0 + 3) / 0.05), max(round((y0 + 3) / 0.05) + 1, round((y1 + 3) / 0.05)))
-        state.occupied[rows, cols] = True
-    return state
-
-
-def test_turns_to_the_waypoint_then_moves_forward():
-    local = LocalPolicy()
-    assert local.act(_map(), np.array([2.0, 0.0])) == Action.FORWARD
-    assert local.act(_map(), np.array([0.0, 2.0])) == Action.TURN_LEFT
-    assert LocalPolicy().act(_map(), np.array([0.0, -2.0])) == Action.TURN_RIGHT
-    assert LocalPolicy().act(_map(heading=np.pi / 2), np.array([0.0, 2.0])) == Action.FORWARD
-
-
-def _simulate(local, state, waypoint, steps, truth=None):
-    """Simulate the robot with obstacles ``truth`` (default: the map); return its positions."""
-    from dataclasses import replace
-
-    from autonerf_lab.geometry import planar_from_pose, world_to_cell
-
-    x, y, heading = planar_from_pose(state.pose)
-    track = [(x, y)]
-    for _ in range(steps):
-        state = replace(state, pose=planar_pose(x, y, heading))
-        action = local.act(state, np.asarray(waypoint))
-        if np.hypot(x - waypoint[0], y - waypoint[1]) < 0.3:
-            break
-        if action == Action.FORWARD:
-            to = (x + 0.25 * np.cos(heading), y + 0.25 * np.sin(heading))
-            points = np.linspace((x, y), to, 6)[1:]
-            cells = world_to_cell(points, state.origin, state.cell)
-            if not (state.occupied if truth is None else truth)[tuple(cells.T)].any():
-                x, y = to
-        else:
-            heading += np.radians(30) * (1 if action == Action.TURN_LEFT else -1)
-        track.append((x, y))
-    return np.array(track)
-
-
-def test_passes_a_wall_with_clearance():
-    state = _map([(1.0, -2.0, 1.1, 2.0)])
-    track = _simulate(LocalPolicy(), state, (2.0, 0.0), 60)
-    assert np.hypot(*(track[-1] - (2.0, 0.0))) < 0.3
-    across = track[(np.abs(track[:, 0] - 1.05) < 0.15)]
-    assert (np.abs(across[:, 1]) > 2.0 + 0.1).all()
-
-
-def test_an_obstacle_missing_in_the_map_is_detected_by_collisions():
-    truth = np.zeros((120, 120), bool)
-    truth[50:70, 80:84] = True  # at x in [1, 1.2], y in [-0.5, 0.5]
-    state = _map()
-    local = LocalPolicy()
-    track = _simulate(local, state, (2.0, 0.0), 120, truth)
-    assert np.hypot(*(track[-1] - (2.0, 0.0))) < 0.3
-
-
-def test_an_unreachable_waypoint_leads_to_the_nearest_reachable_position():
-    inside = [(1, 1, 2, 1.1), (1, 2, 2.1, 2.1), (1, 1, 1.1, 2), (2, 1, 2.1, 2.1)]
-    local = LocalPolicy()
-    track = _simulate(local, _map(inside), (1.5, 1.5), 60)
-    assert local.blocked and local.arrived
-    assert np.hypot(*(track[-1] - (1.5, 1.5))) < 1.2
-    wall = LocalPolicy()
-    track = _simulate(wall, _map([(2, -3, 2.2, 3)]), (2.1, 0.0), 40)
-    assert 1.4 < track[-1, 0] < 2.0
-
-
-def test_a_waypoint_outside_the_map_is_clipped():
-    assert LocalPolicy().act(_map(), np.array([500.0, 0.0])) == Action.FORWARD
-
-
-def test_a_doorway_mapped_too_narrow_is_passed():
-    """A doorway of 70 cm, mapped 10 cm too narrow on either side, as happens with oblique depth rays."""
-    state = _map([(1.0, -3.0, 1.1, -0.25), (1.0, 0.25, 1.1, 3.0)])
-    track = _simulate(LocalPolicy(), state, (2.0, 0.0), 40)
-    assert np.hypot(*(track[-1] - (2.0, 0.0))) < 0.3
-
-
-def test_a_new_obstacle_changes_the_path():
-    local = LocalPolicy()
-    assert local.act(_map(), np.array([2.5, 0.0])) == Action.FORWARD
-    assert (np.abs(local.path[:, 0] - 60) <= 1).all()  # straight along the row
-    local.act(_map([(1.0, -1.0, 1.1, 1.0)]), np.array([2.5, 0.0]))
-    assert (np.abs(local.path[:, 0] - 60) > 20).any()
