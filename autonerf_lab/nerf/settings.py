@@ -80,7 +80,7 @@ class Settings:
 class HashSettings(Settings):
     """Settings of a field on a multi-resolution hash table (section 3.2)."""
 
-    samples: int = 16  # bins per ray at which the field is evaluated
+    samples: int = 24  # bins per ray at which the field is evaluated
     min_weight: float = 1e-3  # samples of less weight are skipped: no colour, no gradient
     levels: int = 10  # of the hash grid
     log2_entries: int = 18  # largest table of a level
