@@ -93,6 +93,8 @@ def rows_to_run() -> list[Variation]:
 
 def relative_step(folder: Path, row: Variation, quick: bool) -> float:
     """Return the time of a step relative to the base, both after an eighth of their training."""
+    if row == VARIATIONS[0]:
+        return 1.0
     pixels = pixels_of(read_views(folder, depth=row.settings.depth_weight > 0)[0])
     trainers = {"base": Trainer(pixels, BASE), "row": Trainer(pixels, row.settings, row.model)}
     for trainer in trainers.values():
@@ -101,20 +103,6 @@ def relative_step(folder: Path, row: Variation, quick: bool) -> float:
     # 16 steps, because the occupancy grid is updated every 16 steps
     times = interleaved({name: (trainer.step, 16) for name, trainer in trainers.items()}, 1 if quick else 5)
     return times["row"] / times["base"]
-
-
-def run_cell(folder: Path, row: Variation, seed: int, timed: bool, options: argparse.Namespace) -> dict[str, Any]:
-    """Fit and evaluate one row on one scene with one seed, and measure the time of its steps if it is asked for."""
-    settings = row.settings
-    if options.quick:
-        settings = replace(settings, steps=20)
-    found = in_fresh_process(options.threads, fit_and_score, folder, settings, model=row.model, seed=seed)
-    step = None
-    if timed:
-        step = 1.0
-        if (row.settings, row.model) != (BASE, VARIATIONS[0].model):
-            step = in_fresh_process(options.threads, relative_step, folder, row, options.quick)
-    return {**found["rows"][-1], "relative_step": step}
 
 
 def finished(path: Path, identity: dict[str, Any]) -> dict[str, Any] | None:
@@ -132,18 +120,25 @@ def run_scene(scene: str, rows: list[Variation], options: argparse.Namespace) ->
             identity = {"scene": scene, "model": row.model, "seed": seed, "settings": asdict(row.settings)}
             identity |= {"views": options.views, "test_views": options.test_views}
             path = options.cells / scene / f"{slug(row.name)}-{seed}.json"
-            cell = finished(path, identity)
-            if cell is None:
-                if not views.exists():
-                    in_fresh_process(options.threads, write_views, scene, views, options.views, options.test_views)
-                try:
-                    timed = (scene, seed) == (options.scenes[0], options.seeds[0])
-                    cell = {"identity": identity, **run_cell(views, row, seed, timed, options)}
-                except AutoNerfError as error:
-                    print(f"{scene}  {row.name}: {error}", flush=True)
-                    cells[row.name].append(dict.fromkeys(COLUMNS))
-                    continue
-                write_json(path, cell)
+            cell = finished(path, identity) or {}
+            untimed = (scene, seed) == (options.scenes[0], options.seeds[0]) and cell.get("relative_step") is None
+            if (untimed or not cell) and not views.exists():
+                in_fresh_process(options.threads, write_views, scene, views, options.views, options.test_views)
+            try:
+                if not cell:
+                    settings = replace(row.settings, steps=20) if options.quick else row.settings
+                    found = in_fresh_process(
+                        options.threads, fit_and_score, views, settings, model=row.model, seed=seed
+                    )
+                    cell = {"identity": identity, **found["rows"][-1], "relative_step": None}
+                    write_json(path, cell)
+                if untimed:
+                    cell["relative_step"] = in_fresh_process(options.threads, relative_step, views, row, options.quick)
+                    write_json(path, cell)
+            except AutoNerfError as error:
+                print(f"{scene}  {row.name}: {error}", flush=True)
+                cells[row.name].append(dict.fromkeys(COLUMNS))
+                continue
             cells[row.name].append(cell)
             print(f"{scene}  {seed}  {row.name:<36}{cell['psnr']:>7.2f} dB {cell['seconds']:>7.1f} s", flush=True)
     return cells
@@ -215,7 +210,7 @@ def main() -> None:
     if options.rows:
         rows = [rows[0], *(row for row in rows[1:] if row.name in options.rows)]
     if options.quick:
-        rows = rows if options.rows else [rows[0], rows[2]]
+        rows = rows if options.rows else rows[:2]
         options.scenes, options.seeds, options.views, options.test_views = options.scenes[:1], options.seeds[:1], 60, 4
     options.cells = options.cells or Path("runs/ablation-quick" if options.quick else "runs/ablation")
     quick_out = options.cells / "ablation.md"

@@ -147,7 +147,6 @@ class OccupancySettings(HashSettings):
     """Settings of Instant-NGP: the hash field and its occupancy sampler."""
 
     distortion_weight: float = 0.02  # the only loss that removes low density in front of the cameras
-    samples: int = 24
     candidates: int = 256  # steps per ray that query the grid
     cell: float = 0.10  # side of a cell of the occupancy grid
     update_every: int = 16  # steps between two updates of the grid
