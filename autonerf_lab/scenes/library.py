@@ -1,7 +1,8 @@
 """Library of frozen scenes: 55 apartments (25 for training, 5 development, 5 validation, 20 test) and 5 houses."""
 
 import hashlib
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from autonerf_lab.errors import SceneError, UnknownNameError
 from autonerf_lab.scenes.build import build
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.scenes.spec import read_spec
+from autonerf_lab.scenes.texture_cache import cached_texture
 from autonerf_lab.utils.storage import read_json
 
 SPLITS = {"train": 25, "dev": 5, "val": 5, "test": 20, "house": 5}
@@ -77,7 +79,8 @@ def load_scene(name: str) -> Scene:
             f"{path} was modified: its SHA-256 is {found[:12]}, the manifest expects {str(expected)[:12]};"
             " reinstall autonerf-lab"
         )
-    return build(spec)
+    scene = build(spec)
+    return replace(scene, bake=partial(cached_texture, name, found, scene.bake))
 
 
 @lru_cache(maxsize=4)
