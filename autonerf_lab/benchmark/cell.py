@@ -17,7 +17,6 @@ from autonerf_lab.benchmark.grid import Cell, label
 from autonerf_lab.benchmark.results import OK, Outcome, Results, StageCost, load_results
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators import Scores
-from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.pipeline.run_folder import load_run, locked
 from autonerf_lab.presets import preset
 from autonerf_lab.types import Score
@@ -79,7 +78,11 @@ def _attempt(cell: Cell, results: Results, save_run: bool, lpips: str | None, de
 
 def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str | None, device: str | None) -> Outcome:
     if not ((folder / "run.json").exists() and load_run(folder).finished("evaluate")):
-        weights = None if lpips is None else Lpips(lpips, results.lpips)
+        weights = None
+        if lpips is not None:
+            from autonerf_lab.evaluators.lpips import Lpips  # imports torch
+
+            weights = Lpips(lpips, results.lpips)
         figures = None if save_run else [figure for _, figure in FIGURES.values()]
         options = pipeline.StageOptions(weights, device, baselines=False, optional_tasks=cell.optional, figures=figures)
         pipeline.run_pipeline(

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from autonerf_lab.evaluators.ground_truth import TrueMap, true_map
-from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.maps import predict_states
 from autonerf_lab.evaluators.mesh import extract_mesh
 from autonerf_lab.evaluators.navigation import add_floor
@@ -20,6 +19,7 @@ from autonerf_lab.presets import Preset
 if TYPE_CHECKING:
     import trimesh
 
+    from autonerf_lab.evaluators.lpips import Lpips
     from autonerf_lab.scenes.scene import Scene
     from autonerf_lab.simulator import Simulator
 
@@ -44,7 +44,7 @@ class EvaluationContext:
         preset: Preset,
         seed: int = 0,
         tick: Callable[[], Any] = lambda: None,
-        lpips: Lpips | None = None,
+        lpips: "Lpips | None" = None,
         checkpoint: str | Path | None = None,
     ) -> None:
         self.field, self.scene, self.preset, self.seed, self.tick, self.lpips = field, scene, preset, seed, tick, lpips

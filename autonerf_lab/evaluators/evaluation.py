@@ -18,7 +18,6 @@ from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.evaluators.context import EvaluationContext
 from autonerf_lab.evaluators.field_alignment import aligned_data, aligned_field
 from autonerf_lab.evaluators.fused_labels import FusedLabels
-from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.evaluators.metrics import METRICS
 from autonerf_lab.evaluators.nearest_view import NearestView
 from autonerf_lab.evaluators.oracle import TrueField
@@ -33,6 +32,7 @@ from autonerf_lab.presets import Preset
 from autonerf_lab.presets import preset as get_preset
 
 if TYPE_CHECKING:
+    from autonerf_lab.evaluators.lpips import Lpips
     from autonerf_lab.scenes.scene import Scene
 
 
@@ -158,7 +158,7 @@ def oracle_scores(
 
 
 def _oracle_scores(
-    scene: "Scene", preset: Preset, seed: int, names: Iterable[str], progress: bool, lpips: Lpips | None
+    scene: "Scene", preset: Preset, seed: int, names: Iterable[str], progress: bool, lpips: "Lpips | None"
 ) -> Scores:
     from autonerf_lab.simulator import Simulator
 
@@ -215,16 +215,20 @@ def _score(context: EvaluationContext, tasks: list[Task], progress: bool) -> Sco
     return scores
 
 
-def _load_lpips(weights: "str | Path | Lpips | None") -> Lpips | None:
-    return Lpips(weights) if isinstance(weights, str | Path) else weights
+def _load_lpips(weights: "str | Path | Lpips | None") -> "Lpips | None":
+    if not isinstance(weights, str | Path):
+        return weights
+    from autonerf_lab.evaluators.lpips import Lpips  # imports torch
+
+    return Lpips(weights)
 
 
-def _weights(lpips: Lpips | None) -> dict[str, str]:
+def _weights(lpips: "Lpips | None") -> dict[str, str]:
     return {"lpips": lpips.sha256} | {f"lpips_{part}": value for part, value in lpips.parts.items()} if lpips else {}
 
 
 def _score_photographs(
-    nerf: RadianceField, data: Dataset, progress: bool, trained_on: Trajectory | Dataset | None, lpips: Lpips | None
+    nerf: RadianceField, data: Dataset, progress: bool, trained_on: Trajectory | Dataset | None, lpips: "Lpips | None"
 ) -> Scores:
     start = time.perf_counter()
     with tqdm(total=len(data), disable=not progress, leave=False, desc="held out") as bar:

@@ -18,17 +18,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 
-from autonerf_lab.envs.pointgoal import PointGoalEnv
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.metrics import FINETUNING_STAGES, metrics_of
 from autonerf_lab.evaluators.navigation import mesh_scene
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult, failure
 from autonerf_lab.policies import WEIGHTS
-from autonerf_lab.policies.networks import RecurrentNetwork, batched, sample_action
-from autonerf_lab.policies.spec import make_network
-from autonerf_lab.policies.weights import load_weights, read_meta
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator.navigation import build_navigation
 
@@ -39,55 +34,6 @@ if TYPE_CHECKING:
 
 PRETRAINED = WEIGHTS / "pointgoal" / "pretrained.safetensors"  # by `autonerf-lab train-policy --policy pointgoal`
 _NAMES = tuple(metric.name for metric in metrics_of("finetuning"))
-_AT_ONCE = 25  # episodes in parallel: batch size of the network
-
-
-def load_goal_policy(path: str | Path) -> RecurrentNetwork:
-    """Load the network of a PointGoal policy.
-
-    Raises:
-        DataError: the file is missing or damaged, or holds another kind of policy.
-    """
-    settings = read_meta(path)["network"]
-    if settings["kind"] != "goal":
-        raise DataError(f"{path} holds an exploration policy, not a PointGoal policy")
-    network = make_network(settings)[1]
-    assert isinstance(network, RecurrentNetwork)
-    load_weights(path, network)
-    return network.eval()
-
-
-def reach_goals(network: RecurrentNetwork, scene: Scene, count: int, seed: int = 0) -> list[dict[str, Any]]:
-    """Run seeded PointGoal episodes of a policy; actions are sampled, as in training.
-
-    Args:
-        network: of the policy.
-        scene: scene of the episodes.
-        count: number of episodes.
-        seed: random seed of starts, goals and actions.
-
-    Returns:
-        The last ``info`` of the environment in each episode: ``success``, ``spl``, ``distance_to_goal`` (metres).
-    """
-    seeds = np.random.SeedSequence([seed, 8]).generate_state(count)
-    rngs = [np.random.default_rng([seed, 9, episode]) for episode in range(count)]
-    results: list[dict[str, Any]] = [{}] * count
-    for first in range(0, count, _AT_ONCE):
-        live = list(range(first, min(first + _AT_ONCE, count)))
-        envs = {k: PointGoalEnv(scene=scene) for k in live}
-        seen = {k: env.reset(seed=int(seeds[k]))[0] for k, env in envs.items()}
-        memory, starts = network.initial_state(len(live)), torch.ones(len(live))
-        while live:
-            with torch.inference_mode():
-                distribution, _, memory = network(batched([seen[k] for k in live]), memory, starts)
-            running = []
-            for row, k in enumerate(live):
-                seen[k], _, terminated, truncated, results[k] = envs[k].step(sample_action(distribution, rngs[k], row))
-                if not (terminated or truncated):
-                    running.append(row)
-            live, starts = [live[row] for row in running], torch.zeros(len(running))
-            memory = (memory[0][:, running], memory[1][:, running])
-    return results
 
 
 def evaluate_finetuning(
@@ -110,6 +56,9 @@ def evaluate_finetuning(
         folder: folder of the training checkpoints; interrupted trainings continue there. Default: a temporary folder.
         rates: learning rates of ``finetuned`` and ``finetuned_true_mesh``; default: 1e-4.
     """
+    from autonerf_lab.evaluators.goal_policy import load_goal_policy, reach_goals  # imports torch
+    from autonerf_lab.policies.weights import read_meta
+
     if folder is None:
         with tempfile.TemporaryDirectory() as made:
             return evaluate_finetuning(mesh, scene, frames, count, seed, made, rates)
@@ -146,7 +95,9 @@ def evaluate_finetuning(
 
 
 def _finetune(scene: Scene, frames: int, rate: float, seed: int, folder: Path) -> Path:
-    # Imported here because stable-baselines3 takes seconds to import.
+    # Imported here because torch and stable-baselines3 take seconds to import.
+    import torch
+
     from autonerf_lab.training.settings import POINTGOAL, settings_of
     from autonerf_lab.training.train import train_policy
 

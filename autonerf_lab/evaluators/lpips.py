@@ -26,7 +26,6 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.utils import storage
 from autonerf_lab.utils.extras import optional
 
-MIN_SIDE = 16  # pixels: four stages halve the image
 STAGES = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))  # channels of the convolutions
 # Normalisation of images in [-1, 1] in the reference implementation, close to the statistics of ImageNet
 _SHIFT = torch.tensor([-0.030, -0.088, -0.188])[:, None, None]
@@ -52,6 +51,8 @@ class Lpips:
         autonerf_lab.errors.DataError: /nowhere.safetensors does not exist
     """
 
+    min_side = 16  # pixels: four stages halve the image
+
     def __init__(self, path: str | Path, sha256: str | None = None) -> None:
         arrays, _ = storage.read_arrays(path, dict[str, Any])
         self.sha256 = hashlib.sha256(storage.read_bytes(path)).hexdigest()
@@ -74,9 +75,9 @@ class Lpips:
             ValueError: the shapes differ, are not those of colour images, or have a side under 16 pixels.
         """
         shape = np.shape(image)
-        if shape != np.shape(target) or len(shape) != 3 or shape[2] != 3 or min(shape[:2]) < MIN_SIDE:
+        if shape != np.shape(target) or len(shape) != 3 or shape[2] != 3 or min(shape[:2]) < self.min_side:
             raise ValueError(
-                f"LPIPS compares two (H, W, 3) images of at least {MIN_SIDE} pixels a side, not {shape} with "
+                f"LPIPS compares two (H, W, 3) images of at least {self.min_side} pixels a side, not {shape} with "
                 f"{np.shape(target)}"
             )
         both = torch.from_numpy(np.stack([image, target]).astype(np.float32)).permute(0, 3, 1, 2)

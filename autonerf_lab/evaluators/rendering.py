@@ -29,7 +29,6 @@ from skimage.metrics import structural_similarity
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.errors import DataError
-from autonerf_lab.evaluators.lpips import MIN_SIDE, Lpips
 from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.evaluators.radiance_field import RadianceField
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
@@ -38,6 +37,7 @@ from autonerf_lab.segmentation.metrics import class_scores, confusion_matrix
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators.context import EvaluationContext
+    from autonerf_lab.evaluators.lpips import Lpips
     from autonerf_lab.presets import Preset
     from autonerf_lab.simulator import Simulator
 
@@ -126,7 +126,7 @@ def evaluate_rendering(
     field: RadianceField,
     views: Iterable[TargetView],
     tick: Callable[[], None] = lambda: None,
-    lpips: Lpips | None = None,
+    lpips: "Lpips | None" = None,
 ) -> TaskResult:
     """Render test views and compare them with their targets.
 
@@ -160,7 +160,7 @@ def evaluate_rendering(
         mean_flip, flip_map = flip(rgb, true_rgb)
         values["flip"].append(mean_flip)
         if lpips:
-            values["lpips"].append(lpips(rgb, true_rgb) if min(rgb.shape[:2]) >= MIN_SIDE else np.nan)
+            values["lpips"].append(lpips(rgb, true_rgb) if min(rgb.shape[:2]) >= lpips.min_side else np.nan)
         if image.semantics is not None and target.semantics is not None:
             confusion += confusion_matrix(image.semantics[scored], target.semantics[scored])
         if target.depth is not None:
@@ -189,7 +189,7 @@ def evaluate_rendering(
     scores["depth_median_error_m"] = float(np.median(errors)) if len(errors) else None
     status = {}
     if scores["lpips"] is None:
-        status["lpips"] = f"images under {MIN_SIDE} pixels" if lpips else "weights_missing"
+        status["lpips"] = f"images under {lpips.min_side} pixels" if lpips else "weights_missing"
     if scores["ssim"] is None:
         status["ssim"] = "images under 11 pixels"
     if scores["miou_objects"] is None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from tqdm.auto import tqdm
 
 from autonerf_lab import presets
@@ -132,7 +131,9 @@ def fit(
         poses = data.poses if built.pose_offsets is None else built.pose_offsets.corrected(data.poses, frame.unit)
         built.set_progress(1.0)
         visibility = _visibility(built, pixels, data.metric, seed)
-    except (MemoryError, torch.OutOfMemoryError) as error:
+    except (MemoryError, RuntimeError) as error:
+        if not isinstance(error, MemoryError) and type(error).__name__ != "OutOfMemoryError":  # of torch
+            raise
         raise TrainingError(
             f"not enough memory for {spec.name} ({error}); lower rays, samples or log2_entries in its settings, or use "
             "fewer or smaller images"
@@ -281,7 +282,7 @@ def _clear(gradients: Arrays) -> None:
 
 
 def _finite(value: Array) -> bool:
-    return bool(torch.isfinite(value).all()) if isinstance(value, torch.Tensor) else bool(np.isfinite(value).all())
+    return bool((np.isfinite(value) if isinstance(value, np.ndarray) else value.isfinite()).all())
 
 
 def _visibility(model: Model, pixels: PixelSampler, metric: bool, seed: int) -> Visibility:

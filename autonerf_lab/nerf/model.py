@@ -10,12 +10,13 @@ sampler, or a new combination of existing ones, and a :class:`ModelSpec` that bu
 :mod:`autonerf_lab.nerf.models`.
 """
 
+import sys
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import torch
 
 from autonerf_lab.errors import DeviceError, UnknownNameError
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
@@ -177,7 +178,6 @@ class Model:
         self.losses = {**output.losses, **losses}
         return {**output.gradients, **gradients, **d_offsets}, self.losses
 
-    @torch.no_grad()
     def render_rays(
         self, rays_o: np.ndarray, rays_d: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -193,7 +193,8 @@ class Model:
         parts = []
         for first in range(0, len(rays_o), RENDER_CHUNK):
             rays = Rays(rays_o[first : first + RENDER_CHUNK], rays_d[first : first + RENDER_CHUNK])
-            output = self.field.render(rays, self._evaluation_samples(rays))
+            with _no_gradients():
+                output = self.field.render(rays, self._evaluation_samples(rays))
             parts.append((output.color, output.logits, output.depth, output.weights.sum(axis=1)))
         color, logits, depth, opacity = (np.concatenate(values) for values in zip(*parts, strict=True))
         return color, logits, depth, opacity
@@ -223,6 +224,12 @@ class Model:
 
     def _evaluation_samples(self, rays: Rays) -> Samples:
         return self.sampler.sample(rays, np.full(len(rays), 0.5, np.float32))
+
+
+def _no_gradients() -> AbstractContextManager:
+    """Return ``torch.no_grad()``; fields that compute without torch need not load it."""
+    torch = sys.modules.get("torch")
+    return nullcontext() if torch is None else torch.no_grad()
 
 
 @dataclass(frozen=True)
@@ -268,6 +275,8 @@ def check_device(device: str | None) -> None:
     """
     if device is None:
         return
+    import torch
+
     try:
         torch.empty(0, device=device)
     except (RuntimeError, AssertionError) as error:

@@ -1,12 +1,15 @@
 """Adam over named arrays and tensors, with its state open to checkpoints."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
 from autonerf_lab.nerf.kernels.adam import MAX_GRADIENT, adam
 from autonerf_lab.nerf.ray_batch import Array, Arrays
+
+if TYPE_CHECKING:
+    import torch
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.99, 1e-15  # values of Nerfacto
 
@@ -35,12 +38,12 @@ class Adam:
         for name, gradient in gradients.items():
             self.steps[name] += 1
             arrays = self.parameters[name], gradient, self.first[name], self.second[name]
-            update: Callable = _update_tensor if isinstance(gradient, torch.Tensor) else _update_array
+            update: Callable = _update_array if isinstance(gradient, np.ndarray) else _update_tensor
             update(*arrays, rates[name], self.steps[name])
 
 
 def _zeros_like(value: Array) -> Array:
-    return torch.zeros_like(value, requires_grad=False) if isinstance(value, torch.Tensor) else np.zeros_like(value)
+    return np.zeros_like(value) if isinstance(value, np.ndarray) else value.new_zeros(value.shape)
 
 
 def _update_array(p: np.ndarray, g: np.ndarray, m: np.ndarray, v: np.ndarray, rate: float, step: int) -> None:
@@ -49,11 +52,12 @@ def _update_array(p: np.ndarray, g: np.ndarray, m: np.ndarray, v: np.ndarray, ra
     adam(p, g, m, v, np.float32(rate), first, second, epsilon, step)
 
 
-@torch.no_grad()
-def _update_tensor(p: torch.Tensor, g: torch.Tensor, m: torch.Tensor, v: torch.Tensor, rate: float, step: int) -> None:
+def _update_tensor(
+    p: "torch.Tensor", g: "torch.Tensor", m: "torch.Tensor", v: "torch.Tensor", rate: float, step: int
+) -> None:
     touched = (g != 0).to(g.dtype)
     g = g.clamp(-float(MAX_GRADIENT), float(MAX_GRADIENT))
     m.lerp_(g, touched * (1 - BETA_1))
     v.lerp_(g * g, touched * (1 - BETA_2))
     direction = (m / (1 - BETA_1**step)) / ((v / (1 - BETA_2**step)).sqrt() + EPSILON)
-    p.sub_(rate * touched * direction)
+    p.data.sub_(rate * touched * direction)

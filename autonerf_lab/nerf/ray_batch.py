@@ -1,15 +1,17 @@
 """Records exchanged by fields, samplers and models. R: rays, S: samples per ray, C: classes."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import torch
+
+if TYPE_CHECKING:
+    import torch
 
 NO_LABEL = -1
 NO_DEPTH = 0.0
 
-Array = np.ndarray | torch.Tensor
+Array: TypeAlias = "np.ndarray | torch.Tensor"
 Arrays = dict[str, Any]  # name -> Array
 
 
@@ -79,7 +81,7 @@ class RenderOutput:
 
 def to_numpy(value: Array) -> np.ndarray:
     """Return the values of an array or tensor as an array."""
-    return value.detach().cpu().numpy() if isinstance(value, torch.Tensor) else value
+    return value if isinstance(value, np.ndarray) else value.detach().cpu().numpy()
 
 
 def restore(group: dict[str, Any], name: str, value: np.ndarray) -> None:
@@ -103,8 +105,7 @@ def assign(target: Array, value: np.ndarray) -> None:
     """
     if tuple(target.shape) != value.shape:
         raise ValueError(f"shape {value.shape}, not {tuple(target.shape)}")
-    if isinstance(target, torch.Tensor):
-        with torch.no_grad():
-            target.copy_(torch.from_numpy(value))
-    else:
+    if isinstance(target, np.ndarray):
         target[...] = value
+    else:
+        target.data[...] = target.new_tensor(value)

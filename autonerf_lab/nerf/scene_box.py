@@ -1,9 +1,12 @@
 """Scene box: full resolution around the training positions, the rest of the world contracted into a shell."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
+
+if TYPE_CHECKING:
+    import torch
 
 
 @dataclass(frozen=True)
@@ -43,12 +46,12 @@ class SceneBox:
         contracted = np.sign(u) * (1 + self.shell - self.shell**2 / (beyond + self.shell))
         return ((np.where(beyond > 0, contracted, u) / (1 + self.shell) + 1) / 2).astype(np.float32)
 
-    def contract_tensor(self, points: torch.Tensor) -> torch.Tensor:
+    def contract_tensor(self, points: "torch.Tensor") -> "torch.Tensor":
         """Map (..., 3) tensors on any device as :meth:`contract` does; differentiable."""
-        u = (points - torch.as_tensor(self.center).to(points)) / torch.as_tensor(self.half).to(points)
+        u = (points - points.new_tensor(self.center)) / points.new_tensor(self.half)
         beyond = u.abs() - 1
         contracted = u.sign() * (1 + self.shell - self.shell**2 / (beyond.clamp(min=0) + self.shell))
-        return (torch.where(beyond > 0, contracted, u) / (1 + self.shell) + 1) / 2
+        return (contracted.where(beyond > 0, u) / (1 + self.shell) + 1) / 2
 
     def expand(self, x: np.ndarray) -> np.ndarray:
         """Map (N, 3) points of the open unit cube to (N, 3) float32 points; inverse of :meth:`contract`.

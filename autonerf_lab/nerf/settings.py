@@ -150,6 +150,7 @@ class OccupancySettings(HashSettings):
     candidates: int = 256  # steps per ray that query the grid
     cell: float = 0.10  # side of a cell of the occupancy grid
     update_every: int = 16  # steps between two updates of the grid
+    grid_warmup: int = 64  # first steps, whose updates query the whole grid; later ones query an eighth
     decay: float = 0.8  # factor of the densities at each update; 0.95 would keep the initial density for 1000 steps
     occupied: float = 0.1  # smallest density of an occupied cell, per metre
     reach: float = 1.0  # length of occupied space that a ray crosses before it may stop

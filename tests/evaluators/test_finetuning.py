@@ -12,7 +12,8 @@ from autonerf_lab import cli
 from autonerf_lab.envs.pointgoal import PointGoalEnv
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError
 from autonerf_lab.evaluators import Scores, finetuning
-from autonerf_lab.evaluators.finetuning import evaluate_finetuning, load_goal_policy, reach_goals
+from autonerf_lab.evaluators.finetuning import evaluate_finetuning
+from autonerf_lab.evaluators.goal_policy import load_goal_policy, reach_goals
 from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.policies import load_policy
 from autonerf_lab.policies.networks import GoalNetwork

@@ -204,3 +204,21 @@ def test_mesh_is_readable_by_trimesh(finished):
 def test_images_of_the_trajectory_have_the_size_of_the_preset(finished):
     with Image.open(finished[0] / "trajectory/images/frame_00000.png") as image:
         assert image.size == (48, 48)
+
+
+def test_the_fused_kernels_need_no_torch(tmp_path):
+    """Importing torch takes seconds; exploring, fitting and evaluating with the defaults must not do it."""
+    code = (
+        "import sys, autonerf_lab as lab\n"
+        "from autonerf_lab.geometry import Intrinsics\n"
+        "scene = lab.load_scene('dev-0')\n"
+        "sim = lab.Simulator(scene, Intrinsics.from_fov(16, 16))\n"
+        "trajectory = lab.explore(sim, 'frontier', steps=20, progress=False)\n"
+        "nerf = lab.fit(trajectory, preset='smoke', steps=5, progress=False)\n"
+        "lab.evaluate(nerf, scene, preset='smoke', tasks=['rendering', 'pose_refinement'], progress=False)\n"
+        "nerf.save(sys.argv[1])\n"
+        "assert 'torch' not in sys.modules"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "nerf")]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr

@@ -5,8 +5,10 @@ import pytest
 import torch
 
 from autonerf_lab.nerf import rendering
-from autonerf_lab.nerf.encodings import HashGrid, hash_encode, spherical_harmonics
+from autonerf_lab.nerf.encodings import hash_encode
+from autonerf_lab.nerf.hash_grid import HashGrid
 from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.spherical_harmonics import spherical_harmonics, spherical_harmonics_gradient
 
 GRID = HashGrid.build(np.array([4.0, 3.0, 2.0]), coarse=1.0, fine=0.2, levels=3, log2_entries=8)
 
@@ -43,6 +45,14 @@ def test_spherical_harmonics_are_orthonormal() -> None:
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     y = spherical_harmonics(torch.from_numpy(directions)).numpy()
     np.testing.assert_allclose(4 * np.pi * y.T @ y / len(y), np.eye(16), atol=0.03)
+
+
+def test_gradient_of_spherical_harmonics_agrees_with_automatic_differentiation() -> None:
+    rng = np.random.default_rng(0)
+    directions, upstream = rng.normal(size=(20, 3)), rng.normal(size=(20, 16))
+    tensor = torch.from_numpy(directions).requires_grad_()
+    (expected,) = torch.autograd.grad(spherical_harmonics(tensor), tensor, torch.from_numpy(upstream))
+    np.testing.assert_allclose(spherical_harmonics_gradient(directions, upstream), expected.numpy(), atol=1e-12)
 
 
 def test_weights_by_hand() -> None:

@@ -16,7 +16,8 @@ from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import semantic_nerfacto
 from autonerf_lab.nerf.pose_offsets import level_weights
 from autonerf_lab.nerf.ray_batch import Rays, Samples, Targets
-from autonerf_lab.nerf.samplers.occupancy import OccupancySampler, TorchOccupancySampler
+from autonerf_lab.nerf.samplers.occupancy import OccupancySampler
+from autonerf_lab.nerf.samplers.torch_occupancy import TorchOccupancySampler
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import OccupancySettings, ProposalSettings
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from autonerf_lab.nerf.encodings import HashGrid
+from autonerf_lab.nerf.hash_grid import HashGrid
 from autonerf_lab.nerf.kernels import volume_rendering
 from autonerf_lab.nerf.kernels.hash_encoding import hash_encode, hash_encode_backward, hash_encode_points_backward
 from autonerf_lab.nerf.kernels.tiling import TILE_RAYS

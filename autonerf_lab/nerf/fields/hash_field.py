@@ -18,9 +18,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-import torch
 
-from autonerf_lab.nerf.encodings import HashGrid, spherical_harmonics
 from autonerf_lab.nerf.fields.hash_encoder import (
     TABLE_INIT,
     Buffers,
@@ -29,6 +27,7 @@ from autonerf_lab.nerf.fields.hash_encoder import (
     first_layer,
     he_uniform,
 )
+from autonerf_lab.nerf.hash_grid import HashGrid
 from autonerf_lab.nerf.kernels import hash_field as kernels
 from autonerf_lab.nerf.kernels import volume_rendering
 from autonerf_lab.nerf.kernels.proposals import ProposalMatrices
@@ -36,6 +35,7 @@ from autonerf_lab.nerf.kernels.tiling import CHUNKS, GEOMETRY, MAX_EXPONENT, TIL
 from autonerf_lab.nerf.ray_batch import NO_DEPTH, NO_LABEL, Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import HashSettings
+from autonerf_lab.nerf.spherical_harmonics import spherical_harmonics, spherical_harmonics_gradient
 
 Matrices = TypeVar("Matrices", kernels.FieldMatrices, ProposalMatrices)
 
@@ -263,10 +263,7 @@ class HashField:
         d_o, d_d = self._encoder.ray_gradient(rays, samples.midpoints, x, d_enc)
         if self.settings.view_dependent:
             d_harmonics = d_features.transpose(0, 2, 1).reshape(len(rays), -1)[:, :HARMONICS]
-            directions = torch.from_numpy(rays.directions).requires_grad_()
-            harmonics = spherical_harmonics(directions)
-            upstream = torch.from_numpy(np.ascontiguousarray(d_harmonics))
-            d_d += torch.autograd.grad(harmonics, directions, upstream)[0].numpy()
+            d_d += spherical_harmonics_gradient(rays.directions, d_harmonics)
         return d_o[:count], d_d[:count]
 
     def _geometry(self, points: np.ndarray) -> np.ndarray:

@@ -5,11 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from autonerf_lab.nerf.encodings import hash_encode, spherical_harmonics
+from autonerf_lab.nerf.encodings import hash_encode
 from autonerf_lab.nerf.fields.hash_field import build_grid, initial_parameters
 from autonerf_lab.nerf.fields.torch_field import TorchField
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import HashSettings
+from autonerf_lab.nerf.spherical_harmonics import spherical_harmonics
 
 
 class TorchHashField(TorchField):

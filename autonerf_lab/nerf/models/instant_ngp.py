@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from autonerf_lab.nerf.fields.hash_field import HashField
-from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
 from autonerf_lab.nerf.model import Model, ModelSpec
-from autonerf_lab.nerf.samplers.occupancy import OccupancySampler, TorchOccupancySampler
+from autonerf_lab.nerf.samplers.occupancy import OccupancySampler
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import OccupancySettings
 
@@ -27,6 +26,7 @@ SETTINGS = {
         samples=128,
         candidates=1024,
         cell=0.12,  # 128 cells over 15 m
+        grid_warmup=256,
         levels=16,
         log2_entries=19,
         coarse=0.96,  # 16 to 2048 cells over 15 m
@@ -44,6 +44,9 @@ def build(
     if device is None:
         field, sampler = HashField(settings, box, frames, classes, rng), OccupancySampler(settings, box)
         return Model(settings, box, field, sampler, frames)
+    from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
+    from autonerf_lab.nerf.samplers.torch_occupancy import TorchOccupancySampler
+
     torch_field = TorchHashField(settings, box, frames, classes, rng, device)
     return Model(settings, box, torch_field, TorchOccupancySampler(settings, box, device), frames)
 

@@ -7,9 +7,7 @@ minute it learns the rooms, their colours and large objects, but not textures an
 
 import numpy as np
 
-from autonerf_lab.nerf.fields.frequency_field import FrequencyField
 from autonerf_lab.nerf.model import Model, ModelSpec
-from autonerf_lab.nerf.samplers.hierarchical import HierarchicalSampler
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import SemanticNerfSettings
 
@@ -35,6 +33,9 @@ def build(
     device: str | None,
 ) -> Model:
     """Build the model in torch, on the CPU, too: matrix products dominate its run time."""
+    from autonerf_lab.nerf.fields.frequency_field import FrequencyField
+    from autonerf_lab.nerf.samplers.hierarchical import HierarchicalSampler
+
     where = device or "cpu"
     coarse = FrequencyField(settings, box, classes, rng, where, prefix="coarse_")
     fine = FrequencyField(settings, box, classes, rng, where)

@@ -3,9 +3,8 @@
 import numpy as np
 
 from autonerf_lab.nerf.fields.hash_field import HashField
-from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
 from autonerf_lab.nerf.model import Model, ModelSpec
-from autonerf_lab.nerf.samplers.proposal import ProposalSampler, TorchProposalSampler
+from autonerf_lab.nerf.samplers.proposal import ProposalSampler
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import ProposalSettings
 
@@ -43,6 +42,9 @@ def build(
     if device is None:
         field, sampler = HashField(settings, box, frames, classes, rng), ProposalSampler(settings, box, rng)
         return Model(settings, box, field, sampler, frames)
+    from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
+    from autonerf_lab.nerf.samplers.torch_proposal import TorchProposalSampler
+
     torch_field = TorchHashField(settings, box, frames, classes, rng, device)
     return Model(settings, box, torch_field, TorchProposalSampler(settings, box, rng, device), frames)
 

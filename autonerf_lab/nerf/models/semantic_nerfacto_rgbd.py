@@ -3,7 +3,6 @@
 import numpy as np
 
 from autonerf_lab.nerf.fields.hash_field import HashField
-from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
 from autonerf_lab.nerf.model import Model, ModelSpec
 from autonerf_lab.nerf.samplers.surface import SurfaceSampler
 from autonerf_lab.nerf.scene_box import SceneBox
@@ -38,6 +37,8 @@ def build(
     sampler = SurfaceSampler(settings)
     if device is None:
         return Model(settings, box, HashField(settings, box, frames, classes, rng), sampler, frames)
+    from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
+
     return Model(settings, box, TorchHashField(settings, box, frames, classes, rng, device), sampler, frames)
 
 

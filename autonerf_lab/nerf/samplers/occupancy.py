@@ -1,12 +1,9 @@
 """Occupancy-grid sampling (Müller et al. 2022, appendix E): a grid stores which cells are empty; rays skip them."""
 
 import numpy as np
-import torch
 
 from autonerf_lab.errors import DataError
-from autonerf_lab.nerf import rendering
 from autonerf_lab.nerf.distance_grid import fuse_depth
-from autonerf_lab.nerf.fields.torch_field import midpoints
 from autonerf_lab.nerf.kernels import ray_marching, volume_rendering
 from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
@@ -15,7 +12,6 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import MAX_COUNT, OccupancySettings
 
 FUSED_RAYS = 3_000_000  # largest number of pixels whose depth is fused
-WARM_UP = 256  # steps in which an update queries the whole grid; later it queries an eighth
 
 
 class OccupancySampler:
@@ -85,33 +81,10 @@ class OccupancySampler:
                 cells = np.flatnonzero(self.state["measured_free"].reshape(-1) == 0)
             else:
                 cells = np.arange(len(density))
-            if step >= WARM_UP:
+            if step >= self.settings.grid_warmup:
                 cells = rng.choice(cells, len(cells) // 8, replace=False)
             inside = np.stack(np.unravel_index(cells, self.state["occupancy"].shape), axis=1)
             x = (inside + rng.random(inside.shape)) / self.state["occupancy"].shape
             density *= np.float32(self.settings.decay)
             density[cells] = np.maximum(density[cells], field.density(self.box.expand(x)))
         return {}, {}
-
-
-class TorchOccupancySampler(OccupancySampler):
-    """The same sampler in torch, on any device: the readable reference of the kernel."""
-
-    def __init__(self, settings: OccupancySettings, box: SceneBox, device: str) -> None:
-        super().__init__(settings, box)
-        self.device = torch.device(device)
-
-    def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
-        """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
-        s, density = self.settings, torch.from_numpy(self.state["occupancy"]).to(self.device)
-        origins, directions, shift = (
-            torch.from_numpy(a).to(self.device) for a in (rays.origins, rays.directions, jitter)
-        )
-        edges = rendering.first_edges(s.near, s.far, s.turn, shift, s.candidates)
-        x = self.box.contract_tensor(midpoints(origins, directions, edges[:, :-1], edges[:, 1:]))
-        size = torch.tensor(density.shape, device=self.device)
-        cells = torch.minimum((x * size).long().clamp(min=0), size - 1)
-        found = density[tuple(cells.unbind(-1))]
-        threshold = min(s.occupied, density.mean().item())
-        starts, ends = rendering.occupied_bins(edges, found, threshold, s.reach, shift, s.samples)
-        return Samples(starts.cpu().numpy(), ends.cpu().numpy())

@@ -3,13 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
-from autonerf_lab.nerf import rendering
-from autonerf_lab.nerf.encodings import HashGrid, hash_encode
 from autonerf_lab.nerf.fields.hash_encoder import TABLE_INIT, Buffers, HashEncoder, first_layer, he_uniform
 from autonerf_lab.nerf.fields.hash_field import transposed
-from autonerf_lab.nerf.fields.torch_field import gradients_of, midpoints, tensors
+from autonerf_lab.nerf.hash_grid import HashGrid
 from autonerf_lab.nerf.kernels import proposals, volume_rendering
 from autonerf_lab.nerf.kernels.tiling import CHUNKS, pad_rows
 from autonerf_lab.nerf.model import Field
@@ -28,7 +25,7 @@ class ProposalRound(NamedTuple):
     raw: np.ndarray  # (R, P) float32 log densities
 
 
-def _start(settings: ProposalSettings, box: SceneBox, rng: np.random.Generator) -> tuple[list[HashGrid], dict]:
+def initial_values(settings: ProposalSettings, box: SceneBox, rng: np.random.Generator) -> tuple[list[HashGrid], dict]:
     """Return the table layout of each round, and the initial values of all networks by name."""
     s = settings
     finest = [s.proposal_fine * s.proposal_ratio**k for k in reversed(range(len(s.proposal_samples)))]
@@ -57,7 +54,7 @@ class ProposalSampler:
 
     def __init__(self, settings: ProposalSettings, box: SceneBox, rng: np.random.Generator) -> None:
         self.settings = settings
-        grids, self._values = _start(settings, box, rng)
+        grids, self._values = initial_values(settings, box, rng)
         self.parameters: Arrays = dict(self._values)
         self.state = {"proposal_steps": np.zeros(1, np.int64)}
         self._encoders = [HashEncoder(grid, box, self._values[f"proposal_{k}_table"]) for k, grid in enumerate(grids)]
@@ -92,7 +89,7 @@ class ProposalSampler:
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
         """Return gradients and losses of the proposals; see :class:`~autonerf_lab.nerf.model.Sampler`."""
-        if not _is_due(self.state, self.settings):
+        if not is_due(self.state, self.settings):
             return {}, {}
         fine_edges, rounds = samples.record
         missing = len(fine_edges) - len(weights)
@@ -115,51 +112,7 @@ class ProposalSampler:
         return proposals.ProposalMatrices(self._values[f"proposal_{k}_0"], self._values[f"proposal_{k}_1"])
 
 
-class TorchProposalSampler:
-    """The same sampler by autograd, on any device: the readable reference of the kernels."""
-
-    def __init__(self, settings: ProposalSettings, box: SceneBox, rng: np.random.Generator, device: str) -> None:
-        self.settings, self.box, self.device = settings, box, torch.device(device)
-        self.grids, values = _start(settings, box, rng)
-        self.parameters: Arrays = tensors(values, device)
-        self.state = {"proposal_steps": np.zeros(1, np.int64)}
-
-    def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
-        """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
-        s, p = self.settings, self.parameters
-        shift = torch.from_numpy(jitter).to(self.device)
-        rays_o, rays_d = (torch.from_numpy(a).to(self.device) for a in (rays.origins, rays.directions))
-        edges = rendering.first_edges(s.near, s.far, s.turn, shift, s.proposal_samples[0])
-        rounds = []
-        for k, following in enumerate((*s.proposal_samples[1:], s.samples)):
-            x = self.box.contract_tensor(midpoints(rays_o, rays_d, edges[:, :-1], edges[:, 1:])).flatten(0, 1)
-            features = hash_encode(x, p[f"proposal_{k}_table"], self.grids[k])
-            hidden = torch.relu(features @ p[f"proposal_{k}_0"][:, : features.shape[1]].T)
-            raw = (hidden @ p[f"proposal_{k}_1"][0]).view(len(rays), -1)
-            weights = rendering.weights_from_density(rendering.density_from_raw(raw), edges[:, :-1], edges[:, 1:])
-            rounds.append((edges, weights))
-            edges = rendering.resample(edges, weights, shift, s.padding / weights.shape[1], following)
-        return Samples.between(edges.cpu().numpy(), (edges, rounds))
-
-    def learn(
-        self,
-        rays: Rays,
-        samples: Samples,
-        targets: Targets,
-        weights: np.ndarray,
-        field: Field,
-        rng: np.random.Generator,
-    ) -> tuple[Arrays, dict[str, float]]:
-        """Return gradients and losses of the proposals; see :class:`~autonerf_lab.nerf.model.Sampler`."""
-        if not _is_due(self.state, self.settings):
-            return {}, {}
-        fine_edges, rounds = samples.record
-        fine = torch.from_numpy(weights).to(self.device)
-        loss = torch.stack([rendering.interlevel_loss(e, w, fine_edges, fine).mean() for e, w in rounds]).sum()
-        return gradients_of(self.settings.interlevel_weight * loss, self.parameters), {"interlevel": loss.item()}
-
-
-def _is_due(state: dict[str, np.ndarray], settings: ProposalSettings) -> bool:
+def is_due(state: dict[str, np.ndarray], settings: ProposalSettings) -> bool:
     """Count a step; return True in the first tenth of the training, then every ``proposal_every`` steps.
 
     The densities that the proposals follow change more and more slowly.
