@@ -62,6 +62,8 @@ class FieldFrame:
 
     def to_field(self, points: np.ndarray) -> np.ndarray:
         """Convert (..., 3) world points, in user units, to float64 field coordinates."""
+        if self.unit == 1 and not self.origin.any():
+            return np.asarray(points, np.float64)
         return (points - self.origin) / self.unit
 
     def to_world(self, points: np.ndarray) -> np.ndarray:

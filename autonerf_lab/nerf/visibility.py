@@ -18,10 +18,8 @@ class Visibility:
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) bool: True for (N, 3) points that were seen."""
-        cells = np.floor((np.asarray(points) - self.origin) / self.voxel).astype(np.int64)
-        inside = np.all((cells >= 0) & (cells < self.seen.shape), axis=1)
-        found = np.zeros(len(cells), bool)
-        found[inside] = self.seen[tuple(cells[inside].T)]
+        found = np.zeros(len(points), np.bool_)
+        _look_up(np.asarray(points, np.float64), self.origin, self.voxel, self.seen, found)
         return found
 
 
@@ -45,6 +43,19 @@ def carve(rays_o: np.ndarray, rays_d: np.ndarray, depth: np.ndarray, voxel: floa
     seen = np.zeros(tuple(shape), np.bool_)
     _march((rays_o - origin) / voxel, rays_d, reach / voxel, seen)
     return Visibility(origin, voxel, seen)
+
+
+@njit(cache=True)
+def _look_up(points: np.ndarray, origin: np.ndarray, voxel: float, seen: np.ndarray, found: np.ndarray) -> None:
+    """Write True for points in seen voxels; ``found`` holds False for the others."""
+    for n in range(points.shape[0]):
+        x, y, z = (
+            (points[n, 0] - origin[0]) / voxel,
+            (points[n, 1] - origin[1]) / voxel,
+            (points[n, 2] - origin[2]) / voxel,
+        )
+        if 0 <= x < seen.shape[0] and 0 <= y < seen.shape[1] and 0 <= z < seen.shape[2]:
+            found[n] = seen[int(x), int(y), int(z)]
 
 
 @njit(cache=True)

@@ -83,9 +83,10 @@ class HashEncoder:
 
     def points(self, points: np.ndarray, width: int = 128) -> np.ndarray:
         """Encode (N, 3) points: (B, E, width) features, the last tile padded."""
-        x = self.box.contract(points)
-        tiles = -(-len(x) // width)
-        x = np.ascontiguousarray(np.concatenate([x, np.zeros((tiles * width - len(x), 3), np.float32)]).T)
+        box, tiles = self.box, -(-len(points) // width)
+        x = np.empty((3, tiles * width), np.float32)
+        points = np.ascontiguousarray(points, np.float32)
+        volume_rendering.contracted_points(points, box.center, box.half, np.float32(box.shell), x)
         enc = np.zeros((tiles, encoded_size(len(self.grid.offsets)), width), np.float32)
         hash_encode(x, self.table, *self._layout, enc)
         return enc

@@ -155,7 +155,7 @@ class HashField:
 
     def density(self, points: np.ndarray) -> np.ndarray:
         """Return densities at points; see :class:`~autonerf_lab.nerf.model.Field`."""
-        raw = np.float32(self.settings.density_gain) * self._geometry(points)[:, 0]
+        raw = np.float32(self.settings.density_gain) * self._geometry(points, 1)[:, 0]
         return np.exp(np.minimum(raw + volume_rendering.LOG_SIGMA_START, volume_rendering.MAX_LOG_SIGMA))
 
     def color(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -266,16 +266,16 @@ class HashField:
             d_d += spherical_harmonics_gradient(rays.directions, d_harmonics)
         return d_o[:count], d_d[:count]
 
-    def _geometry(self, points: np.ndarray) -> np.ndarray:
-        """Return (N, 16) float32 outputs of the density network at (N, 3) points; column 0 is the log density."""
-        out = np.empty((len(points), GEOMETRY), np.float32)
+    def _geometry(self, points: np.ndarray, outputs: int = GEOMETRY) -> np.ndarray:
+        """Return the first (N, outputs) values of the density network at (N, 3) points; column 0 is the log density."""
+        out = np.empty((len(points), outputs), np.float32)
         chunk = 1 << 17
         for first in range(0, len(points), chunk):
             enc = self._encoder.points(points[first : first + chunk])
             g = np.empty((len(enc), GEOMETRY, enc.shape[2]), np.float32)
             kernels.geometry_features(self._matrices(), enc, g)
             count = min(chunk, len(points) - first)
-            out[first : first + count] = g.transpose(0, 2, 1).reshape(-1, GEOMETRY)[:count]
+            out[first : first + count] = g[:, :outputs].transpose(0, 2, 1).reshape(-1, outputs)[:count]
         return out
 
 

@@ -159,6 +159,32 @@ def surface_error(raw, starts, ends, depth, surface, scale, d_raw):
     return total
 
 
+@njit(fastmath=True, cache=True, error_model="numpy", inline="always")
+def _contracted(position, center, half, shell):
+    """Return a coordinate contracted into the unit cube."""
+    u = (position - center) / half
+    beyond = abs(u) - ONE
+    if beyond > 0:
+        u = np.sign(u) * (ONE + shell - shell * shell / (beyond + shell))
+    return np.float32(0.5) + np.float32(0.5) * u / (ONE + shell)
+
+
+@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def contracted_points(points, center, half, shell, x):
+    """Write points, contracted into the unit cube.
+
+    Args:
+        points: (N, 3) float32, metres.
+        center, half, shell: as in :func:`ray_points`.
+        x: (3, M) with M >= N, written; columns beyond N repeat the last point.
+    """
+    last = points.shape[0] - 1
+    for n in prange(x.shape[1]):
+        row = min(np.int64(n), last)
+        for axis in range(3):
+            x[axis, n] = _contracted(points[row, axis], center[axis], half[axis], shell)
+
+
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def ray_points(rays_o, rays_d, midpoints, center, half, shell, x):
     """Write the bin midpoints of all rays, contracted into the unit cube.
@@ -175,11 +201,8 @@ def ray_points(rays_o, rays_d, midpoints, center, half, shell, x):
         for i in range(count):
             t = midpoints[r, i]
             for axis in range(3):
-                u = (rays_o[r, axis] + t * rays_d[r, axis] - center[axis]) / half[axis]
-                beyond = abs(u) - ONE
-                if beyond > 0:
-                    u = np.sign(u) * (ONE + shell - shell * shell / (beyond + shell))
-                x[axis, r * count + i] = np.float32(0.5) + np.float32(0.5) * u / (ONE + shell)
+                position = rays_o[r, axis] + t * rays_d[r, axis]
+                x[axis, r * count + i] = _contracted(position, center[axis], half[axis], shell)
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
