@@ -169,7 +169,7 @@ def test_cell_gets_the_lpips_weights(tmp_path, monkeypatch):
         raise ValueError(f"called with {options.lpips}")
 
     monkeypatch.setattr(pipeline, "run_pipeline", fail)
-    monkeypatch.setattr(cell_module, "Lpips", lambda file, sha256: f"{sha256} of {file}")
+    monkeypatch.setattr("autonerf_lab.evaluators.lpips.Lpips", lambda file, sha256: f"{sha256} of {file}")
     results = open_results(tmp_path / "out", GRID, "0123")
     one, other = (cell_module.run_cell(GRID.cells()[k], results.path, lpips=file) for k, file in enumerate(("w", None)))
     assert one == "failed: ValueError: called with 0123 of w" and other == "failed: ValueError: called with None"

@@ -163,13 +163,20 @@ def test_values_that_are_missing_have_a_status():
 
 
 def test_lpips_is_computed_if_its_weights_are_given():
+    class SideOfTheImage:
+        min_side = 16
+
+        def __call__(self, image, target):
+            return float(image.shape[0]) / 128
+
+    lpips = SideOfTheImage()
     result = evaluate_rendering(
         Fixed(flat_image([1.0], size=64), flat_image([1.0], size=64)),
         [flat_view([1.0], size=64)] * 2,
-        lpips=lambda image, target: float(image.shape[0]) / 128,
+        lpips=lpips,
     )
     assert result.values["lpips"] == 0.5 and "lpips" not in result.status
-    result = evaluate_rendering(Fixed(flat_image([1.0], size=11)), [flat_view([1.0], size=11)], lpips=lambda a, b: 1.0)
+    result = evaluate_rendering(Fixed(flat_image([1.0], size=11)), [flat_view([1.0], size=11)], lpips=lpips)
     assert result.values["lpips"] is None and result.status["lpips"].startswith("images under")
 
 
