@@ -12,7 +12,9 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import OccupancySettings
 
 SETTINGS = {
-    "smoke": OccupancySettings(steps=120, rays=1024, levels=6, log2_entries=14, table_rate=10.0, candidates=128),
+    "smoke": OccupancySettings(
+        steps=120, rays=1024, levels=6, log2_entries=14, table_rate=10.0, candidates=128, seen_rays=60_000
+    ),
     "fast": OccupancySettings(steps=1800),
     "paper": OccupancySettings(
         steps=30_000,

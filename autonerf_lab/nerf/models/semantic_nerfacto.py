@@ -9,7 +9,9 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import ProposalSettings
 
 SETTINGS = {
-    "smoke": ProposalSettings(steps=120, rays=1024, samples=16, levels=6, log2_entries=14, table_rate=10.0),
+    "smoke": ProposalSettings(
+        steps=120, rays=1024, samples=16, levels=6, log2_entries=14, table_rate=10.0, seen_rays=60_000
+    ),
     "fast": ProposalSettings(),
     "paper": ProposalSettings(
         steps=30_000,

@@ -9,7 +9,9 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import SurfaceSettings
 
 SETTINGS = {
-    "smoke": SurfaceSettings(steps=120, rays=1024, levels=6, log2_entries=14, table_rate=10.0, label_distance=0.0),
+    "smoke": SurfaceSettings(
+        steps=120, rays=1024, levels=6, log2_entries=14, table_rate=10.0, label_distance=0.0, seen_rays=60_000
+    ),
     "fast": SurfaceSettings(steps=3400),
     "paper": SurfaceSettings(
         steps=30_000,
