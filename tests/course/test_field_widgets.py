@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from autonerf_lab.course.widgets import live
 from autonerf_lab.course.widgets.field import FieldTraining, PlanComparison, ViewComparison
 from autonerf_lab.evaluators.ground_truth import MapGrid, TrueMap
 from autonerf_lab.evaluators.maps import CellState
@@ -51,6 +52,17 @@ def test_a_training_draws_its_curves():
     np.testing.assert_allclose(loss.lines[1].get_ydata()[0], 3 * (1 - 0.5**20) / 20)
     assert (loss.get_ylabel(), loss.get_yscale()) == ("loss", "log")
     assert shown.get_title() == "rendering, step 30"
+
+
+@pytest.mark.parametrize(("seconds", "drawings"), [(0.0, 31), (1e6, 2)])
+def test_drawings_of_a_running_training_are_limited(monkeypatch, seconds, drawings):
+    learner, drawn = Learner(), []
+    training = FieldTraining(learner.step, learner.image, TRUTH)
+    monkeypatch.setattr(live, "_SECONDS", seconds)
+    monkeypatch.setattr(live.time, "perf_counter", lambda: 2e6)
+    monkeypatch.setattr(training, "refresh", lambda: drawn.append(len(training.psnr)))
+    training.run(30)
+    assert len(drawn) == drawings and drawn[0] == 1 and drawn[-1] == 30
 
 
 def test_an_interrupted_training_keeps_its_steps():

@@ -32,8 +32,6 @@ from autonerf_lab.viz.figures.style import BLUE, ORANGE, SKY, plain_log
 from autonerf_lab.viz.figures.training import running_mean
 
 _STATE_COLORS = np.repeat(np.array([[170], [235], [60]], np.uint8), 3, axis=1)  # unknown, free, occupied
-_REDRAWS = 12  # per run
-_EVERY = 25  # steps between two redraws in the background
 _MEAN = 20  # steps in the running mean
 
 
@@ -65,7 +63,7 @@ class FieldTraining(BackgroundTask):
         """Train for a number of steps and redraw regularly. After a kernel interrupt, the training can be continued."""
         self.stopped.clear()
         try:
-            self._run(steps, max(1, steps // _REDRAWS))
+            self._run(steps)
         except KeyboardInterrupt:
             self.refresh()
 
@@ -98,17 +96,16 @@ class FieldTraining(BackgroundTask):
 
     def work(self) -> None:
         """Train until "stop" is pressed."""
-        self._run(np.inf, _EVERY)
+        self._run(np.inf)
 
-    def _run(self, steps: float, every: int) -> None:
+    def _run(self, steps: float) -> None:
         done = 0
         while done < steps and not self.stopped.is_set():
             loss, error = self._step()
             self.loss.append(float(loss))
             self.psnr.append(float(-10 * np.log10(max(error, 1e-10))))
             done += 1
-            if done % every == 0:
-                self.refresh()
+            self.refresh_while_running()
         self.refresh()
 
 

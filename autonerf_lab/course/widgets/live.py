@@ -2,6 +2,7 @@
 
 import io
 import threading
+import time
 from abc import ABC, abstractmethod
 from typing import Any
 
@@ -11,6 +12,7 @@ from autonerf_lab.utils.extras import NATURAL_SIZE, optional
 from autonerf_lab.viz.alt_text import describe
 
 _DPI = 80
+_SECONDS = 2.0  # between two drawings of a running task: a drawing takes half a second
 
 
 class LiveFigure(ABC):
@@ -104,6 +106,7 @@ class BackgroundTask(LiveFigure):
     def __init__(self) -> None:
         super().__init__()
         self.stopped, self._thread, self.error = threading.Event(), threading.Thread(), ""
+        self._drawn = 0.0  # time of the last drawing of the running task, seconds
         self.buttons = {name: self.widgets.Button(description=name) for name in ("train on", "stop")}
         self.buttons["train on"].on_click(self._start)
         self.buttons["stop"].on_click(self.stop)
@@ -121,6 +124,12 @@ class BackgroundTask(LiveFigure):
     def controls(self) -> list[Any]:
         """Return the buttons "train on" and "stop"."""
         return [self.widgets.HBox(list(self.buttons.values()))]
+
+    def refresh_while_running(self) -> None:
+        """Redraw the figure, unless the last of these drawings is less than two seconds old."""
+        if time.perf_counter() - self._drawn >= _SECONDS:
+            self.refresh()
+            self._drawn = time.perf_counter()
 
     def draw_error(self, figure: Figure) -> None:
         """Write the error that ended the task below the figure, if there is one."""

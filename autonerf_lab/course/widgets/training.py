@@ -80,7 +80,7 @@ class PolicyTraining(BackgroundTask):
             self.starts.append(row["frames"])
         self.curve = [old for old in self.curve if old["frames"] < row["frames"]]  # drop episodes that are repeated
         self.curve.append(row)
-        self.refresh()
+        self.refresh_while_running()
         self._episodes_left -= 1
         if self._episodes_left <= 0 or self.stopped.is_set():
             raise KeyboardInterrupt
