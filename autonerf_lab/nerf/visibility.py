@@ -19,7 +19,7 @@ class Visibility:
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) bool: True for (N, 3) points that were seen."""
         found = np.zeros(len(points), np.bool_)
-        _look_up(np.asarray(points, np.float64), self.origin, self.voxel, self.seen, found)
+        _look_up(np.ascontiguousarray(points, np.float64), self.origin, self.voxel, self.seen, found)
         return found
 
 
