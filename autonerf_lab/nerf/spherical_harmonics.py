@@ -9,6 +9,16 @@ if TYPE_CHECKING:
 
 Values = TypeVar("Values", np.ndarray, "torch.Tensor")
 
+# Normalisation of the harmonics of degree 0 to 2 (A) and 3 (B)
+A0, A1, A2, A3, A4 = (
+    0.28209479177387814,
+    0.4886025119029199,
+    1.0925484305920792,
+    0.31539156525252005,
+    0.5462742152960396,
+)
+B1, B2, B3, B4, B5 = 0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.3731763325901154, 1.445305721320277
+
 
 def spherical_harmonics(directions: Values) -> Values:
     """Return the real spherical harmonics up to degree 3, the 16 values of the paper's sh(phi).
@@ -26,22 +36,22 @@ def spherical_harmonics(directions: Values) -> Values:
     x, y, z = directions[:, 0], directions[:, 1], directions[:, 2]
     xx, yy, zz = x * x, y * y, z * z
     values = [
-        0 * x + 0.28209479177387814,
-        0.4886025119029199 * y,
-        0.4886025119029199 * z,
-        0.4886025119029199 * x,
-        1.0925484305920792 * x * y,
-        1.0925484305920792 * y * z,
-        0.31539156525252005 * (3 * zz - 1),
-        1.0925484305920792 * x * z,
-        0.5462742152960396 * (xx - yy),
-        0.5900435899266435 * y * (3 * xx - yy),
-        2.890611442640554 * x * y * z,
-        0.4570457994644658 * y * (5 * zz - 1),
-        0.3731763325901154 * z * (5 * zz - 3),
-        0.4570457994644658 * x * (5 * zz - 1),
-        1.445305721320277 * z * (xx - yy),
-        0.5900435899266435 * x * (xx - 3 * yy),
+        0 * x + A0,
+        A1 * y,
+        A1 * z,
+        A1 * x,
+        A2 * x * y,
+        A2 * y * z,
+        A3 * (3 * zz - 1),
+        A2 * x * z,
+        A4 * (xx - yy),
+        B1 * y * (3 * xx - yy),
+        B2 * x * y * z,
+        B3 * y * (5 * zz - 1),
+        B4 * z * (5 * zz - 3),
+        B3 * x * (5 * zz - 1),
+        B5 * z * (xx - yy),
+        B1 * x * (xx - 3 * yy),
     ]
     if isinstance(directions, np.ndarray):
         return np.stack(values, axis=-1)
@@ -67,16 +77,13 @@ def spherical_harmonics_gradient(directions: np.ndarray, upstream: np.ndarray) -
     x, y, z = directions.T
     xx, yy, zz = x * x, y * y, z * z
     g = upstream.T
-    a1, a2, a3 = 0.4886025119029199, 1.0925484305920792, 0.31539156525252005
-    b1, b2, b3, b4 = 0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.3731763325901154
-    a4, b5 = 0.5462742152960396, 1.445305721320277
-    d_x = a1 * g[3] + a2 * (y * g[4] + z * g[7]) + 2 * a4 * x * g[8]
-    d_x += 6 * b1 * x * y * g[9] + b2 * y * z * g[10] + b3 * (5 * zz - 1) * g[13]
-    d_x += 2 * b5 * x * z * g[14] + 3 * b1 * (xx - yy) * g[15]
-    d_y = a1 * g[1] + a2 * (x * g[4] + z * g[5]) - 2 * a4 * y * g[8]
-    d_y += 3 * b1 * (xx - yy) * g[9] + b2 * x * z * g[10] + b3 * (5 * zz - 1) * g[11]
-    d_y += -2 * b5 * y * z * g[14] - 6 * b1 * x * y * g[15]
-    d_z = a1 * g[2] + a2 * (y * g[5] + x * g[7]) + 6 * a3 * z * g[6]
-    d_z += b2 * x * y * g[10] + 10 * b3 * z * (y * g[11] + x * g[13])
-    d_z += b4 * (15 * zz - 3) * g[12] + b5 * (xx - yy) * g[14]
+    d_x = A1 * g[3] + A2 * (y * g[4] + z * g[7]) + 2 * A4 * x * g[8]
+    d_x += 6 * B1 * x * y * g[9] + B2 * y * z * g[10] + B3 * (5 * zz - 1) * g[13]
+    d_x += 2 * B5 * x * z * g[14] + 3 * B1 * (xx - yy) * g[15]
+    d_y = A1 * g[1] + A2 * (x * g[4] + z * g[5]) - 2 * A4 * y * g[8]
+    d_y += 3 * B1 * (xx - yy) * g[9] + B2 * x * z * g[10] + B3 * (5 * zz - 1) * g[11]
+    d_y += -2 * B5 * y * z * g[14] - 6 * B1 * x * y * g[15]
+    d_z = A1 * g[2] + A2 * (y * g[5] + x * g[7]) + 6 * A3 * z * g[6]
+    d_z += B2 * x * y * g[10] + 10 * B3 * z * (y * g[11] + x * g[13])
+    d_z += B4 * (15 * zz - 3) * g[12] + B5 * (xx - yy) * g[14]
     return np.stack([d_x, d_y, d_z], axis=-1)
