@@ -29,7 +29,7 @@ SCENES = ("train-00", "train-04", "train-08", "train-12", "train-16", "train-20"
 
 def scores_of(name: str, preset: str, policy: str, folder: Path) -> list[dict[str, float]]:
     """Compute the map scores of one scene, one row per threshold; return saved scores if there are any."""
-    identity = {"scene": name, "preset": preset, "policy": policy, "model": "semantic-nerfacto"}
+    identity: dict[str, Any] = {"scene": name, "preset": preset, "policy": policy, "model": "semantic-nerfacto"}
     identity["thresholds"] = list(THRESHOLDS)
     path = folder / f"{name}.json"
     if path.exists() and (found := storage.read_json(path, dict[str, Any])).pop("rows") and found == identity:
@@ -42,8 +42,8 @@ def scores_of(name: str, preset: str, policy: str, folder: Path) -> list[dict[st
     rows = []
     for threshold in THRESHOLDS:
         states = maps.predict_states(nerf, truth.grid, threshold)
-        values = maps.free_scores(states, truth) | maps.occupancy_scores(states, truth)
-        values = {key: 0.0 if value is None else value for key, value in values.items()}
+        scores = maps.free_scores(states, truth) | maps.occupancy_scores(states, truth)
+        values = {key: 0.0 if value is None else value for key, value in scores.items()}
         precision, recall = values["occupancy_precision"], values["occupancy_recall"]
         values["occupancy_f1"] = 2 * precision * recall / max(precision + recall, 1e-9)
         rows.append(values)

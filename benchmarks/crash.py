@@ -115,10 +115,10 @@ def read_image(file: Path) -> None:
 
 
 READERS: dict[str, Callable[[Path], Any]] = {
-    ".json": read_json,
+    ".json": lambda file: json.loads(file.read_bytes()),
     ".csv": pd.read_csv,
     ".parquet": pd.read_parquet,
-    ".safetensors": read_arrays,
+    ".safetensors": lambda file: read_arrays(file, dict[str, Any]),
     ".png": read_image,
     ".webp": read_image,
 }

@@ -24,11 +24,13 @@ from common.views import floor_area, scene_by_name
 from autonerf_lab.evaluators import DEFAULT_TASKS, TrueField, evaluate
 from autonerf_lab.evaluators.ground_truth import true_map
 from autonerf_lab.exploration import explore
+from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf import fit, load_nerf
 from autonerf_lab.presets import preset
 from autonerf_lab.scenes import Scene, generate_apartment
 from autonerf_lab.scenes.generator import generate_spec
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.types import Rendering
 from autonerf_lab.utils.resources import peak_gb
 
 TARGET_M2 = 80.0  # area of the apartment of the trained field
@@ -43,17 +45,19 @@ class CountingField(TrueField):
         super().__init__(scene, sim)
         self.queries = {"rendered_rays": 0, "density_queries": 0, "gradient_rays": 0}
 
-    def render(self, c2w, intrinsics):
+    def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Rendering:
         """Render, and count the rays."""
         self.queries["rendered_rays"] += intrinsics.width * intrinsics.height
         return super().render(c2w, intrinsics)
 
-    def density(self, points):
+    def density(self, points: np.ndarray) -> np.ndarray:
         """Return densities, and count the points."""
         self.queries["density_queries"] += len(points)
         return super().density(points)
 
-    def ray_gradients(self, rays_o, rays_d, target):
+    def ray_gradients(
+        self, rays_o: np.ndarray, rays_d: np.ndarray, target: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return gradients, and count the rays."""
         self.queries["gradient_rays"] += len(rays_o)
         return super().ray_gradients(rays_o, rays_d, target)

@@ -240,7 +240,7 @@ def steps_per_second(policy: str, workers: int, quick: bool) -> float:
     from autonerf_lab.training.train import train_policy
 
     settings = settings_of(policy, demonstrations=0)
-    short = {"environments": 4, "rollout": 25, "batch": 50} if quick else {}
+    short: dict[str, Any] = {"environments": 4, "rollout": 25, "batch": 50} if quick else {}
     settings = replace(settings, **short)
     settings = replace(settings, episode=settings.rollout)  # an episode ends, and the callback is called, every rollout
     decisions = settings.rollout * settings.environments

@@ -26,13 +26,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from fuzz_mutants import mutant
 from fuzz_sources import make_sources
 from PIL import Image
 from stable_baselines3.common.vec_env import VecEnv
 
 from autonerf_lab.benchmark import Grid
-from autonerf_lab.benchmark.results import Outcome, load_results, open_results
+from autonerf_lab.benchmark.results import Outcome, StageCost, load_results, open_results
 from autonerf_lab.data.dataset import load_dataset
 from autonerf_lab.data.images import read_classes, read_depth, read_rgb
 from autonerf_lab.data.trajectory import Trajectory, load_trajectory
@@ -111,7 +112,7 @@ def policy_training(folder: Path) -> Callable[[], None]:
     fingerprint = {"policy": "e2e-cur", "lr": settings.lr, "scenes": ["train-00"]}
     run = TrainingSession(folder, fingerprint, settings, pool, make_reward("cur"), False, lambda row: None)
     run.model = make_ppo(pool, lambda: make_network(settings.network)[1], settings, None)
-    sum(value.sum() for value in run.model.policy.parameters()).backward()
+    torch.stack([value.sum() for value in run.model.policy.parameters()]).sum().backward()
     run.model.policy.optimizer.step()
     run.curve = [{"frames": 8.0, "reward": 0.5, "explored_m2": 3.0}]
     run.save()
@@ -143,7 +144,8 @@ def make_formats(folder: Path) -> list[Format]:
     trajectory.save(folder / "trajectory")
     for name, array in (("rgb", rgb[0]), ("depth", (depth[0] * 1000).astype(np.uint16)), ("classes", classes[0])):
         Image.fromarray(array).save(folder / f"{name}.png")
-    sizes = {"levels": 2, "log2_entries": 4, "hidden": 8, "proposal_levels": 2, "proposal_log2_entries": 4}
+    sizes: dict[str, Any] = {"levels": 2, "log2_entries": 4, "hidden": 8}
+    sizes |= {"proposal_levels": 2, "proposal_log2_entries": 4}
     settings = replace(model_spec("semantic-nerfacto").settings["smoke"], steps=2, rays=32, far=3.0, **sizes)
     field = fit(trajectory, settings=settings, preset="smoke", progress=False)
     field.save(folder / "field")
@@ -158,7 +160,7 @@ def make_formats(folder: Path) -> list[Format]:
     grid = Grid(("random",), ("val-0",), 1, preset="smoke")
     results = open_results(folder / "results", grid)
     cell = grid.cells()[0]
-    cost = {"scene": {"seconds": 1.0, "peak_gb": None}}
+    cost: dict[str, StageCost] = {"scene": {"seconds": 1.0, "peak_gb": None}}
     results.write(Outcome(cell, "ok", (Score("rendering", "psnr", 20.0, "dB"),), cost, {"coverage": [1.0, 2.0]}))
     Scores([Score("rendering", "psnr", 20.0, "dB", n=3)]).save(folder / "scores.json")
     gallery = Gallery(folder / "figures", "explore")

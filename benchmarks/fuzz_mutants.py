@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-VALUES = [None, True, -1, 0, 2**31, 2**63, 10**30, 1e308, -0.5]
+VALUES: list[Any] = [None, True, -1, 0, 2**31, 2**63, 10**30, 1e308, -0.5]
 VALUES += ["", "x" * 5000, "../../etc/passwd", [], {}, [[]], "\x00"]
 TEXTS = [value for value in VALUES if isinstance(value, str)]
 

@@ -39,7 +39,7 @@ def _write(path: Path, content: object) -> Path:
 
 
 def _scenes(folder: Path) -> list[Entry]:
-    room = trimesh.creation.box(bounds=[[0, 0, 0], [6, 5, 2.5]])
+    room = trimesh.creation.box(bounds=[[0.0, 0.0, 0.0], [6.0, 5.0, 2.5]])
     room.invert()
     room.visual.vertex_colors = np.tile([1, 2, 3, 255], (8, 1)).astype(np.uint8)
     glb = trimesh.exchange.gltf.export_glb(trimesh.Scene(room))

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from autonerf_lab.benchmark import Grid, Results, run_grid
+from autonerf_lab.benchmark.results import StageCost
 
 LIMIT_SECONDS, LIMIT_GB = 150.0, 4.0  # of a fast cell on two cores
 WORKERS = (1, 2)
@@ -27,7 +28,7 @@ Stages = dict[str, dict[str, float]]
 
 def stages_of(results: Results) -> Stages:
     """Return the mean seconds and the peak GB of each stage over the finished cells."""
-    rows: dict[str, list[dict[str, Any]]] = {}
+    rows: dict[str, list[StageCost]] = {}
     for outcome in results.outcomes():
         for stage, row in (outcome.stages or {}).items():
             rows.setdefault(stage, []).append(row)

@@ -40,7 +40,7 @@ AREAS = (40, 80, 120, 160, 200, 250, 300)  # m2
 TASKS = ("rendering", "maps", "mesh")
 STAGES = ("generate", "texture", "explore", "fit", "evaluate")
 TARGETS = {"fit_s": 300.0, "psnr": 27.0, "free_recall": 85.0, "completion_ratio_all": 70.0}
-THREADS = min(2, numba.config.NUMBA_NUM_THREADS)
+THREADS = min(2, numba.get_num_threads())
 
 
 @contextmanager

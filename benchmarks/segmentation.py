@@ -144,6 +144,11 @@ def score_of(task: str, metric: str, column: str) -> Callable[[FieldScores], flo
     return lambda run: next((row.value for row in run.scores[column] if (row.task, row.metric) == key), None)
 
 
+def iou_of(k: int, column: str) -> Callable[[FieldScores], float]:
+    """Return a function that looks up the IoU of a class in a run."""
+    return lambda run: float(run.classes[column][k])
+
+
 def print_row(title: str, columns: dict[str, Runs], pairs: tuple[tuple[str, str], ...]) -> None:
     """Print means with intervals, and paired differences."""
     cells = [text(interval(values)) if values else "" for values in columns.values()]
@@ -155,7 +160,7 @@ def print_row(title: str, columns: dict[str, Runs], pairs: tuple[tuple[str, str]
 
 def compare_fields(runs: list[FieldScores]) -> dict[str, float]:
     """Print the scores of the fields, and the IoU of each class in frames, field and fused labels."""
-    pairs = (("field", "frames"), ("field", "fused"), ("field", "true"))
+    pairs: tuple[tuple[str, str], ...] = (("field", "frames"), ("field", "fused"), ("field", "true"))
     titles = ["frames", "field", "fused labels", "true labels", *(f"{a} - {b}" for a, b in pairs)]
     print(f"\n{'mean over scenes, 95 % interval':<32}" + "".join(f"{title:>16}" for title in titles))
     found: dict[str, float] = {}
@@ -167,10 +172,7 @@ def compare_fields(runs: list[FieldScores]) -> dict[str, float]:
     titles = ["frames", "field", "fused labels", *(f"{a} - {b}" for a, b in pairs)]
     print(f"\n{'IoU of the class, %':<32}" + "".join(f"{title:>16}" for title in titles))
     for k in range(NUM_CLASSES):
-        columns = {
-            column: by_scene(runs, lambda run, column=column, k=k: float(run.classes[column][k]))
-            for column in ("frames", "field", "fused")
-        }
+        columns = {column: by_scene(runs, iou_of(k, column)) for column in ("frames", "field", "fused")}
         if columns["frames"]:
             print_row(CLASS_NAMES[k], columns, pairs)
     return found
@@ -201,12 +203,15 @@ def main() -> None:
     names = options.scenes.split(",")[: 1 if options.quick else None]
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-    total, times, runs = SegmentationErrors(), [], {}
+    total = SegmentationErrors()
+    times: list[float] = []
+    runs: dict[str, list[float]] = {}
     print(f"{'scene':<12}{'mIoU':>10}{'per-class':>12}{'precision':>12}{'recall':>10}{'ms/frame':>12}")
     for name in names:
         confusion, seconds = score_frames(name, options.semantics, 20 if options.quick else SIZE.test_poses, total)
-        scores, (precision, recall) = class_scores(confusion), object_precision_recall(confusion)
-        values = scores["miou"], scores["per_class_accuracy"], precision, recall
+        scores = class_scores(confusion)
+        found = scores["miou"], scores["per_class_accuracy"], *object_precision_recall(confusion)
+        values = [float("nan") if value is None else value for value in found]
         runs[name], times = values, [*times, 1000 * seconds]
         print(f"{name:<12}{values[0]:>10.1f}{values[1]:>12.1f}{values[2]:>12.1f}{values[3]:>10.1f}{times[-1]:>12.1f}")
     columns = [interval({name: [values[k]] for name, values in runs.items()}) for k in range(4)]

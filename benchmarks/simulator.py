@@ -8,6 +8,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -40,7 +41,7 @@ def subdivided(scene: Scene, triangles: int) -> Scene:
             np.repeat(scene.face_class, 4),
             np.repeat(scene.face_instance, 4),
             _quarters(uv),
-            bake=lambda texture=scene.texture: texture,
+            bake=partial(np.asarray, scene.texture),
         )
     return scene
 
@@ -118,7 +119,7 @@ def main() -> None:
         # the smallest frozen scenes have about 10,000 triangles
         large = subdivided(scene, size) if size else load_scene("train-04")
         some = poses[:50] if size else [Simulator(large).sample_pose(rng) for _ in range(50)]
-        rows = [len(large.faces)]
+        rows: list[float] = [len(large.faces)]
         for samples in (1, 2):
             sim = Simulator(large, camera, supersample=samples)
             rows.append(frames_per_second(sim.render, some))

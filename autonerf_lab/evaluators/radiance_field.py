@@ -32,7 +32,14 @@ def surface_points(image: Any, c2w: np.ndarray, intrinsics: Intrinsics) -> tuple
     return (rays_o + image.depth[..., None] * rays_d)[ends].astype(np.float32), ends
 
 
-class RadianceField(Protocol):
+class Renderer(Protocol):
+    """Interface of an object that renders views: a radiance field, or a baseline of image quality."""
+
+    def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Rendering:
+        """Render the view from a (4, 4) pose; see :class:`~autonerf_lab.types.Rendering`."""
+
+
+class RadianceField(Renderer, Protocol):
     """Interface of a radiance field: a trained NeRF, or the true geometry.
 
     Points are in the world frame, in metres. Ray directions ``rays_d`` have length 1 along the optical axis.
@@ -43,9 +50,6 @@ class RadianceField(Protocol):
     meta: dict  # origin of the training images, at least ``scene``
     classes: int  # number of classes that the field predicts, 0 for none
     frame: FieldFrame  # origin and unit of the internal coordinates of the field
-
-    def render(self, c2w: np.ndarray, intrinsics: Intrinsics) -> Rendering:
-        """Render the view from a (4, 4) pose; see :class:`~autonerf_lab.types.Rendering`."""
 
     def density(self, points: np.ndarray) -> np.ndarray:
         """Return the (N,) float32 density at (N, 3) points, per metre."""

@@ -30,7 +30,7 @@ from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.metrics import metrics_of
-from autonerf_lab.evaluators.radiance_field import RadianceField
+from autonerf_lab.evaluators.radiance_field import Renderer
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
 from autonerf_lab.geometry import Intrinsics, planar_from_pose
 from autonerf_lab.segmentation.metrics import class_scores, confusion_matrix
@@ -123,7 +123,7 @@ def flip(image: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def evaluate_rendering(
-    field: RadianceField,
+    field: Renderer,
     views: Iterable[TargetView],
     tick: Callable[[], None] = lambda: None,
     lpips: "Lpips | None" = None,
@@ -131,7 +131,7 @@ def evaluate_rendering(
     """Render test views and compare them with their targets.
 
     Args:
-        field: only ``render`` is used.
+        field: radiance field or baseline.
         views: targets, see :func:`simulated_views` and :func:`photographed_views`.
         tick: called after each image.
         lpips: LPIPS with its weights; without, LPIPS has no value.

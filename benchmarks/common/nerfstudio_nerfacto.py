@@ -36,7 +36,7 @@ def make_trainer(options: argparse.Namespace) -> Trainer:
         model.camera_optimizer.mode = "off"
         del config.optimizers["camera_opt"]
     # LPIPS, of nerfstudio's own evaluation, would download weights
-    lpip.LearnedPerceptualImagePatchSimilarity = lambda **_: torch.nn.Identity()
+    lpip.LearnedPerceptualImagePatchSimilarity = lambda **_: torch.nn.Identity()  # type: ignore[misc, assignment]
     config.set_timestamp()
     trainer = config.setup(local_rank=0, world_size=1)
     trainer.setup()

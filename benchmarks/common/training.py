@@ -28,7 +28,7 @@ from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.radiance_field import NeRF
 from autonerf_lab.nerf.ray_batch import assign, to_numpy
 from autonerf_lab.nerf.scene_box import SceneBox
-from autonerf_lab.nerf.settings import Settings
+from autonerf_lab.nerf.settings import HashSettings, Settings
 from autonerf_lab.nerf.visibility import VOXEL, Visibility
 from autonerf_lab.utils.resources import peak_gb
 
@@ -91,7 +91,9 @@ class Trainer:
         """Return the share of samples whose weight exceeds ``min_weight``."""
         rays = self.pixels.rays(self.pixels.sample(self.settings.rays, np.random.default_rng(0)))
         samples = self.model.sampler.sample(rays, np.full(len(rays), 0.5, np.float32))
-        return float((self.model.field.render(rays, samples).weights > self.settings.min_weight).mean())
+        weights = self.model.field.render(rays, samples).weights
+        assert isinstance(self.settings, HashSettings)
+        return float((weights > self.settings.min_weight).mean())
 
 
 def pixels_of(views: Trajectory) -> PixelSampler:

@@ -20,7 +20,7 @@ from autonerf_lab.simulator import Simulator
 TEST_SEED, TRAIN_SEED = 0, 1
 
 
-def write_views(name: str, folder: Path, train: int, test: int) -> dict[str, float]:
+def write_views(name: str, folder: Path, train: int, test: int) -> dict[str, float | None]:
     """Render training and test views of a scene, 128x128 and supersampled as in ``explore``, into a folder.
 
     Returns:
@@ -47,13 +47,13 @@ def photographs(sim: Simulator, count: int, seed: int) -> Trajectory:
 def read_views(folder: Path, count: int | None = None, depth: bool = False) -> tuple[Trajectory, Trajectory]:
     """Read the first ``count`` training views, without depth by default, and the test views."""
     train, test = load_trajectory(folder / "train"), load_trajectory(folder / "test")
-    chosen = slice(count)
+    assert train.semantics is not None and train.depth is not None  # write_views renders all layers
     train = replace(
         train,
-        poses=train.poses[chosen],
-        rgb=train.rgb[chosen],
-        semantics=train.semantics[chosen],
-        depth=train.depth[chosen] if depth else None,
+        poses=train.poses[:count],
+        rgb=train.rgb[:count],
+        semantics=train.semantics[:count],
+        depth=train.depth[:count] if depth else None,
     )
     return train, test
 
@@ -64,6 +64,6 @@ def scene_by_name(name: str) -> Scene:
     return generate_apartment(int(seed)) if kind == "apartment" else load_scene(name)
 
 
-def floor_area(spec: dict) -> float:
-    """Return the floor area of the rooms of a generated apartment, without walls, m²."""
-    return sum(Polygon(room["polygon"]).area for room in spec["rooms"])
+def floor_area(spec: dict | None) -> float:
+    """Return the floor area of the rooms of a generated apartment, without walls, m²; 0 without a specification."""
+    return sum(Polygon(room["polygon"]).area for room in (spec["rooms"] if spec else ()))
