@@ -22,7 +22,7 @@ def positive_integer(text: str) -> int:
         value = float(text)
     except ValueError:
         value = 0.0
-    if value < 1 or value != round(value):
+    if not 1 <= value <= 2**53 or value != round(value):
         raise DataError(f"{text!r} is not a positive whole number, such as 1000000 or 1e6")
     return round(value)
 

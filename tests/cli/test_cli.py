@@ -85,6 +85,8 @@ def test_every_command_has_help(command, capsys):
         (["demo", "--steps", "0"], "steps (--steps) must be more than 0 and less than 1048576, not 0"),
         (["demo", "--fov", "180"], "hfov_deg (--fov) must be more than 0 and less than 180, not 180.0"),
         (["explore", "--map-size", "10", "--out", "x"], "map_size (--map-size) must be more than 40"),
+        (["train-policy", "--frames", "inf"], "'inf' is not a positive whole number"),
+        (["train-policy", "--frames", "nan"], "'nan' is not a positive whole number"),
         (["demo", "--device", "gpu"], "device 'gpu' is not available on this machine"),
         (["bench", "run", "--out", "x", "--policies", "random", "--device", "gpu"], "device 'gpu' is not available"),
     ],
