@@ -1,5 +1,6 @@
 """Figures of a trajectory, and of the refinement of one pose."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -100,36 +101,56 @@ def refinement_frames(field: "RadianceField", artifact: dict[str, Any], count: i
     intrinsics = field.intrinsics.resized(target.shape[1], target.shape[0])
     errors = np.array([pose_errors(poses, truth) for poses in trace])[:, :, camera]
     chosen = np.unique((np.linspace(0, 1, count) ** 2 * (len(trace) - 1)).round().astype(int))
-    return [
-        _refinement_frame(target, field.render(trace[k][camera], intrinsics).rgb, errors, iterations, k) for k in chosen
-    ]
+    draw = _refinement_drawing(target, errors, iterations)
+    return [draw(field.render(trace[k][camera], intrinsics).rgb, k) for k in chosen]
 
 
-def _refinement_frame(
-    target: np.ndarray, shown: np.ndarray, errors: np.ndarray, iterations: np.ndarray, k: int
-) -> np.ndarray:
+def _refinement_drawing(
+    target: np.ndarray, errors: np.ndarray, iterations: np.ndarray
+) -> Callable[[np.ndarray, int], np.ndarray]:
+    """Return a function that draws the frame of a rendering and its index in the trace.
+
+    What all frames share is drawn once: axes and ticks take most of the time of a figure.
+    """
     figure = Figure(figsize=(11, 3.1), dpi=90)
     axes = figure.subplots(1, 4, width_ratios=(1, 1, 1, 1.35))
     figure.subplots_adjust(left=0.01, right=0.93, bottom=0.16, top=0.88, wspace=0.08)
-    difference = np.abs(target - shown).mean(axis=2)
     titles = ("target", "rendering", f"|difference|, 0 to {_DIFFERENCE_MAX:g}")
-    for ax, image, title in zip(axes, (target, shown, difference), titles, strict=False):
-        ax.imshow(np.clip(image, 0, 1), cmap="magma", vmin=0, vmax=_DIFFERENCE_MAX)
+    images = []
+    for ax, image, title in zip(axes, (target, target, target[..., 0]), titles, strict=False):
+        images.append(ax.imshow(image, cmap="magma", vmin=0, vmax=_DIFFERENCE_MAX))
         ax.set(title=title, xticks=[], yticks=[])
     curve = axes[3]
-    curve.semilogy(iterations[: k + 1], np.maximum(errors[: k + 1, 0], 1e-3), color=BLUE, label="rotation error (°)")
-    position_mm = np.maximum(1000 * errors[: k + 1, 1], 1e-3)
-    curve.semilogy(iterations[: k + 1], position_mm, color=ORANGE, label="position error (mm)")
-    curve.axhline(CONVERGED_DEG, color=BLUE, linestyle=":", linewidth=1)
-    curve.axhline(1000 * CONVERGED_M, color=ORANGE, linestyle=":", linewidth=1)
+    values = np.maximum(errors * [1, 1000], 1e-3)  # degrees, millimetres
+    labels = (("rotation error (°)", BLUE, CONVERGED_DEG), ("position error (mm)", ORANGE, 1000 * CONVERGED_M))
+    lines = []
+    for name, color, converged in labels:
+        lines += curve.semilogy([], [], color=color, label=name)
+        curve.axhline(converged, color=color, linestyle=":", linewidth=1)
     everything = np.concatenate([errors[:, 0], 1000 * errors[:, 1], [CONVERGED_DEG, 1000 * CONVERGED_M]])
     curve.set_xlim(0, iterations[-1])
     curve.set_ylim(max(everything.min(), 1e-3) / 4, everything.max() * 1.5)
-    curve.set_title(f"iteration {iterations[k]}: {errors[k, 0]:.2f}°, {1000 * errors[k, 1]:.1f} mm")
     curve.yaxis.set_major_formatter("{x:g}")  # plain numbers instead of powers of ten
     curve.yaxis.set_minor_formatter(NullFormatter())
     curve.yaxis.tick_right()
     curve.legend(frameon=False, fontsize=8, loc="lower left")
+    title = curve.set_title(" ")
+    changing = [*images[1:], *lines, title]
+    for artist in changing:
+        artist.set_animated(True)  # not part of the background
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    background = canvas.copy_from_bbox(figure.bbox)
+
+    def draw(shown: np.ndarray, k: int) -> np.ndarray:
+        images[1].set_data(np.clip(shown, 0, 1))
+        images[2].set_data(np.abs(target - shown).mean(axis=2))
+        for line, column in zip(lines, values.T, strict=True):
+            line.set_data(iterations[: k + 1], column[: k + 1])
+        title.set_text(f"iteration {iterations[k]}: {errors[k, 0]:.2f}°, {1000 * errors[k, 1]:.1f} mm")
+        canvas.restore_region(background)
+        for artist in changing:
+            artist.axes.draw_artist(artist)
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+    return draw
