@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from autonerf_lab.cli.options import option
-from autonerf_lab.cli.train_policy import positive_integer
+from autonerf_lab.cli.train_policy import whole_number
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class TrainOdometryCommand:
         """Train and print the path of the weights."""
         from autonerf_lab.training.odometry import OdometrySettings, train_odometry
 
-        given = {} if self.steps is None else {"steps": positive_integer(self.steps)}
+        given = {} if self.steps is None else {"steps": whole_number(self.steps)}
         options = "".join(f" --{name} {value}" for name, value in given.items())
         weights = train_odometry(
             self.out,

@@ -8,22 +8,22 @@ from autonerf_lab.cli.options import option
 from autonerf_lab.errors import DataError
 
 
-def positive_integer(text: str) -> int:
-    """Parse a positive whole number: 2000000, 2e6 or 2_000_000.
+def whole_number(text: str, smallest: int = 1) -> int:
+    """Parse a whole number: 2000000, 2e6 or 2_000_000.
 
     Raises:
-        DataError: not a positive whole number.
+        DataError: not a whole number, or smaller than ``smallest``.
 
     Example:
-        >>> positive_integer("2e6")
+        >>> whole_number("2e6")
         2000000
     """
     try:
         value = float(text)
     except ValueError:
-        value = 0.0
-    if not 1 <= value <= 2**53 or value != round(value):
-        raise DataError(f"{text!r} is not a positive whole number, such as 1000000 or 1e6")
+        value = -1.0
+    if not smallest <= value <= 2**53 or value != round(value):
+        raise DataError(f"{text!r} is not a whole number from {smallest} on, such as 1000000 or 1e6")
     return round(value)
 
 
@@ -41,8 +41,8 @@ class TrainPolicyCommand:
         str | None,
         option(
             metavar="N",
-            help="Number of robot actions, rounded up to whole rollouts. The actual number is smaller if waypoints are "
-            "reached early.",
+            help="Number of robot actions of PPO, rounded up to whole rollouts; 0: imitation only. The actual number "
+            "is smaller if waypoints are reached early.",
             default="1.5e6; e2e: 5e5; pointgoal: 2e6",
         ),
     ] = None
@@ -50,6 +50,14 @@ class TrainPolicyCommand:
         str | None,
         option(
             metavar="POLICY", help="Initial weights instead of imitation: a built-in policy or a .safetensors file."
+        ),
+    ] = None
+    demonstrations: Annotated[
+        str | None,
+        option(
+            metavar="N",
+            help="Number of episodes of the teacher that are imitated before PPO; 0: PPO from scratch.",
+            default="80; modular-cov: 200; pointgoal: 1e4",
         ),
     ] = None
     workers: Annotated[int, option(help="Number of worker processes.")] = 2
@@ -69,13 +77,15 @@ class TrainPolicyCommand:
         from autonerf_lab.utils.storage import write_bytes
         from autonerf_lab.viz.figures.training import learning_curve
 
-        chosen: dict[str, Any] = {} if self.frames is None else {"frames": positive_integer(self.frames)}
+        given = {"frames": self.frames, "demonstrations": self.demonstrations}
+        chosen: dict[str, Any] = {name: whole_number(text, 0) for name, text in given.items() if text is not None}
         if self.network == "paper":
             chosen["network"] = {"kind": "paper", "viewpoints": self.policy.endswith("-view")}
         settings = settings_of(self.policy, seed=self.seed, **chosen)
         out = self.out or Path("runs/policies") / self.policy
         weights = train_policy(self.policy, out, settings, workers=self.workers, start=self.start)
-        image = io.BytesIO()
-        learning_curve(read_meta(weights)["curve"], self.policy).savefig(image, format="png", dpi=110)
-        write_bytes(out / "curve.png", image.getvalue())
+        if curve := read_meta(weights)["curve"]:  # empty after imitation only
+            image = io.BytesIO()
+            learning_curve(curve, self.policy).savefig(image, format="png", dpi=110)
+            write_bytes(out / "curve.png", image.getvalue())
         print(f"weights: {weights}.safetensors")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from autonerf_lab.cli.options import option
-from autonerf_lab.cli.train_policy import positive_integer
+from autonerf_lab.cli.train_policy import whole_number
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class TrainSegmentationCommand:
         from autonerf_lab.viz.figures.training import segmentation_curve
 
         chosen: dict[str, Any] = {"steps": self.steps, "apartments": self.apartments}
-        given = {name: positive_integer(text) for name, text in chosen.items() if text is not None}
+        given = {name: whole_number(text) for name, text in chosen.items() if text is not None}
         settings = SegmentationSettings(seed=self.seed, **given)
         options = "".join(f" --{name} {value}" for name, value in given.items())
         weights = train_segmentation(

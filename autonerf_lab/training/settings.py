@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from autonerf_lab.errors import UnknownNameError
+from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.policies.spec import SPECS, spec_of
 
 POINTGOAL = "pointgoal"  # name of the PointGoal policy
@@ -38,7 +38,7 @@ class PolicySettings:
     def __post_init__(self) -> None:
         spec = spec_of(self.network)
         if self.demonstrations and spec.teacher is None:
-            raise ValueError(f"{spec.name} policies have no teacher for demonstrations; set demonstrations to 0")
+            raise DataError(f"{spec.name} policies have no teacher for demonstrations; set demonstrations to 0")
 
 
 def settings_of(policy: str, **overrides: Any) -> PolicySettings:
@@ -72,7 +72,9 @@ def command_of(policy: str, settings: PolicySettings, start: str | Path | None =
         >>> command_of("modular-obs", settings_of("modular-obs", seed=3))
         'autonerf-lab train-policy --policy modular-obs --frames 1500000 --seed 3'
     """
-    named = settings_of(policy, frames=settings.frames, seed=settings.seed)
+    named = settings_of(policy, frames=settings.frames, seed=settings.seed, demonstrations=settings.demonstrations)
     command = f"autonerf-lab train-policy --policy {policy} --frames {settings.frames} --seed {settings.seed}"
+    if settings.demonstrations != settings_of(policy).demonstrations:
+        command += f" --demonstrations {settings.demonstrations}"
     command += f" --start {start}" if start else ""
     return command if settings == named else None

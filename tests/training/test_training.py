@@ -300,6 +300,14 @@ def test_encoding_and_decoding_of_a_waypoint(kind):
         assert interface.to_action(np.array([x + 40.0, y]), env.map) is None
 
 
+def test_imitation_alone_trains_and_has_no_frames(tmp_path):
+    settings = replace(TINY, demonstrations=1, frames=0)
+    path = train.train_policy("modular-cov", tmp_path, settings, workers=1, progress=False)
+    meta = read_meta(path)
+    assert meta["frames"] == 0 and meta["curve"] == []
+    assert weights_of(path)["score.weight"].any()  # zero before training
+
+
 def test_errors_of_weights(tmp_path):
     _, network = make_network({"kind": "compact"})
     save_weights(tmp_path / "mine", network, {"policy": "modular-cov", "network": {"kind": "compact"}})
