@@ -1,0 +1,158 @@
+"""What reinforcement learning adds: the modular policies from scratch, by imitation alone, and by imitation and PPO.
+
+    python benchmarks/policy_training.py --frames 1e6                       # hours; continues after an interruption
+    python benchmarks/policy_training.py --rewards obs --seeds 3 --plot docs/learning_curves.png
+    python benchmarks/policy_training.py --quick                            # two minutes, as a check of the script
+
+For each reward, one policy is trained by PPO from scratch and one by imitation of ``frontier`` and PPO, with the same
+settings, frames and random seeds; the imitation alone is the start of the latter. Only the reward differs among the
+four. All are evaluated from the same start poses: area under the coverage curve of the quantity that the policy was
+trained for. Differences are paired by scene and start, with 95 % intervals (Student's t on scene means): PPO after
+imitation minus imitation, PPO from scratch minus the untrained network, and either minus ``frontier``. With several
+seeds, the means of the seeds are compared.
+
+Trainings and rollouts are kept in ``--out``. The last line of the output is JSON; ``--plot`` draws the learning curves,
+with a band over the seeds.
+"""
+
+import argparse
+import json
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from exploration import TRAINED_FOR, UNTRAINED, Curves, areas_of, run_all
+
+from autonerf_lab.benchmark.statistics import Runs, difference, interval
+from autonerf_lab.policies.weights import read_meta
+from autonerf_lab.scenes import scene_names
+from autonerf_lab.training.settings import PolicySettings, settings_of
+from autonerf_lab.training.train import train_policy
+
+SMOOTH = 5  # updates of the running mean in the figure
+DIFFERENCES = (("ppo", "imitation"), ("scratch", "untrained"), ("ppo", "frontier"), ("scratch", "frontier"))
+TITLES = {
+    "untrained": "untrained",
+    "scratch": "PPO from scratch",
+    "imitation": "imitation",
+    "ppo": "imitation, PPO",
+    "frontier": "frontier",
+}
+
+
+@dataclass(frozen=True)
+class Variants:
+    """Weights of the trainings for one reward and seed, paths without suffix."""
+
+    scratch: Path
+    imitation: Path
+    ppo: Path
+
+    def policies(self) -> dict[str, str]:
+        """Return the names by which the exploration benchmark makes the policies."""
+        weights = {name: f"{getattr(self, name)}.safetensors" for name in ("scratch", "imitation", "ppo")}
+        return {"untrained": UNTRAINED + weights["scratch"], **weights, "frontier": "frontier"}
+
+
+def train(reward: str, settings: PolicySettings, out: Path, workers: int) -> Variants:
+    """Train the policies for one reward and seed, or continue their trainings."""
+    all_settings = {
+        "scratch": replace(settings, demonstrations=0),
+        "imitation": replace(settings, frames=0),
+        "ppo": settings,
+    }
+    found = {}
+    for name, chosen in all_settings.items():
+        print(f"{reward}, seed {settings.seed}: {TITLES[name]}", flush=True)
+        folder = out / "trainings" / f"{reward}-{settings.seed}-{name}"
+        found[name] = train_policy(f"modular-{reward}", folder, chosen, workers=workers)
+    return Variants(**found)
+
+
+def mean_of_seeds(curves: Curves, policies: list[str], quantity: str) -> Runs:
+    """Return the areas under the curves, means over the policies, by scene and start."""
+    areas = [areas_of(curves[policy][quantity]) for policy in policies]
+    return {scene: np.mean([part[scene] for part in areas], axis=0).tolist() for scene in areas[0]}
+
+
+def print_table(reward: str, areas: dict[str, Runs]) -> dict[str, float]:
+    """Print the areas and the differences for one reward; return the differences."""
+    print(f"\nmodular-{reward}: area under the curve of {TRAINED_FOR[reward]}, %")
+    for name, runs in areas.items():
+        print(f"  {TITLES[name]:<20}{interval(runs)!s:>16}")
+    found = {}
+    for a, b in DIFFERENCES:
+        change = difference(areas[a], areas[b])
+        verdict = ("better" if change.mean > 0 else "worse") if change.excludes_zero else "not significant"
+        print(f"  {TITLES[a]} - {TITLES[b]}: {change!s} ({verdict})")
+        found[f"{reward} {a} - {b}"] = round(change.mean, 2)
+    return found
+
+
+def draw(trained: dict[str, list[Variants]], path: str) -> None:
+    """Draw the reward of the training episodes over the frames: mean and range of the seeds."""
+    fig, axes = plt.subplots(1, len(trained), figsize=(4.2 * len(trained), 3.2), layout="constrained", squeeze=False)
+    for ax, (reward, seeds) in zip(axes[0], trained.items(), strict=True):
+        for name, color in (("scratch", "#0072B2"), ("ppo", "#D55E00")):
+            rows = [read_meta(getattr(variants, name))["curve"] for variants in seeds]
+            count = min(map(len, rows))
+            kernel = np.ones(min(SMOOTH, count)) / min(SMOOTH, count)
+            rewards = np.array([np.convolve([r["reward"] for r in part[:count]], kernel, "valid") for part in rows])
+            frames = np.mean([[r["frames"] for r in part[:count]] for part in rows], axis=0)[len(kernel) - 1 :]
+            ax.plot(frames, rewards.mean(axis=0), color=color, label=TITLES[name])
+            ax.fill_between(frames, rewards.min(axis=0), rewards.max(axis=0), color=color, alpha=0.2, linewidth=0)
+        ax.set(title=f"modular-{reward}", xlabel="frames", ylim=(0, None))
+        ax.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("reward per episode")
+    axes[0, 0].legend(frameon=False)
+    fig.savefig(path, dpi=110)
+
+
+def main() -> None:
+    """Train, evaluate and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rewards", default=",".join(TRAINED_FOR), help="Separated by commas.")
+    parser.add_argument("--frames", type=float, default=1e6, help="Robot actions of each training by PPO.")
+    parser.add_argument("--seeds", type=int, default=1, help="Trainings of each kind.")
+    parser.add_argument("--starts", type=int, default=5, help="Start poses in each scene.")
+    parser.add_argument("--steps", type=int, default=1500, help="Actions per episode of the evaluation.")
+    parser.add_argument("--split", default="dev", choices=["dev", "val"])
+    parser.add_argument("--workers", type=int, default=2, help="Number of worker processes.")
+    parser.add_argument("--out", type=Path, default=Path("runs/policy_training"), help="Folder of all results.")
+    parser.add_argument("--plot", default=None, help="File of the figure of the learning curves.")
+    parser.add_argument("--quick", action="store_true", help="One reward, 4000 frames, one scene, 100 steps.")
+    options = parser.parse_args()
+    rewards, scenes = options.rewards.split(","), scene_names(options.split)
+    changes: dict[str, Any] = {"frames": round(options.frames)}
+    if options.quick:
+        rewards, scenes, options.starts, options.steps, options.seeds = rewards[:1], scenes[:1], 1, 100, 1
+        changes = {"frames": 4000, "environments": 4, "episode": 20, "rollout": 20, "batch": 40, "demonstrations": 2}
+        options.out = Path(tempfile.mkdtemp())
+    trained = {
+        reward: [
+            train(reward, settings_of(f"modular-{reward}", seed=seed, **changes), options.out, options.workers)
+            for seed in range(options.seeds)
+        ]
+        for reward in rewards
+    }
+    names = {reward: [variants.policies() for variants in seeds] for reward, seeds in trained.items()}
+    policies = sorted({policy for seeds in names.values() for part in seeds for policy in part.values()})
+    curves = run_all(policies, scenes, options.starts, options.steps, options.out / "rollouts", options.workers)
+    found: dict[str, float] = {}
+    for reward, seeds in names.items():
+        quantity = TRAINED_FOR[reward]
+        areas = {name: mean_of_seeds(curves, [part[name] for part in seeds], quantity) for name in TITLES}
+        found |= print_table(reward, areas)
+    if options.plot:
+        draw(trained, options.plot)
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
