@@ -15,11 +15,11 @@ class TrainSegmentationCommand:
     After an interruption, the same command continues. Use the weights with --semantics OUT/compact.safetensors.
     """
 
-    steps: Annotated[str | None, option(metavar="N", help="Number of batches.", default="12000")] = None
+    steps: Annotated[str | None, option(metavar="N", help="Number of batches.", default="16000")] = None
     apartments: Annotated[
         str | None,
         option(
-            metavar="N", help="Number of apartments: the training scenes, then newly generated ones.", default="320"
+            metavar="N", help="Number of apartments: the training scenes, then newly generated ones.", default="480"
         ),
     ] = None
     seed: Annotated[int, option(help="Random seed.")] = 0

@@ -38,9 +38,9 @@ _AVERAGE = 0.998  # decay of the moving average of the weights
 class SegmentationSettings:
     """Settings of the training of a segmenter."""
 
-    steps: int = 12_000
+    steps: int = 16_000
     seed: int = 0
-    apartments: int = 320  # the 25 training scenes and fresh seeds
+    apartments: int = 480  # the 25 training scenes and fresh seeds
     frames: int = 60  # per apartment
     size: int = 128  # pixels a side
     batch: int = 24
