@@ -207,7 +207,8 @@ def test_ray_gradients_agree_with_finite_differences(
         return model.field.ray_gradients(Rays(np.float32(rays_o), np.float32(rays_d)), samples, target)
 
     _, d_o, d_d = error(rays_o, rays_d)
-    step = np.float32(1e-4) * rng.normal(size=rays_o.shape).astype(np.float32)
+    # A larger step crosses kinks (1e-4 m: slopes of semantic-nerf up to 12 % too small), a smaller one shows rounding.
+    step = np.float32(6e-5) * rng.normal(size=rays_o.shape).astype(np.float32)
     for slope, ahead, behind in (
         (d_o, (rays_o + step, rays_d), (rays_o - step, rays_d)),
         (d_d, (rays_o, rays_d + step), (rays_o, rays_d - step)),
