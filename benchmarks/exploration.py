@@ -42,7 +42,7 @@ import torch
 from common.oracle_policy import OraclePolicy
 from common.training import in_fresh_process, set_threads
 
-from autonerf_lab.benchmark.statistics import Runs, difference, interval
+from autonerf_lab.benchmark.statistics import Interval, Runs, difference, interval
 from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage
 from autonerf_lab.evaluators.exploration import SENSOR, cached_visible_map
 from autonerf_lab.exploration import explore
@@ -187,8 +187,12 @@ def print_differences(curves: Curves) -> None:
         for baseline in (*baselines, UNTRAINED + policy):
             if baseline in curves:
                 found = difference(areas_of(by_quantity[quantity]), areas_of(curves[baseline][quantity]))
-                verdict = ("better" if found.mean > 0 else "worse") if found.excludes_zero else "not significant"
-                print(f"{policy:<14} - {baseline:<24} area under {quantity:<11} {found!s:<14} {verdict}")
+                print(f"{policy:<14} - {baseline:<24} area under {quantity:<11} {found!s:<14} {verdict(found)}")
+
+
+def verdict(change: Interval) -> str:
+    """Say whether the interval of a difference excludes zero, and on which side."""
+    return ("better" if change.mean > 0 else "worse") if change.excludes_zero else "not significant"
 
 
 def draw(curves: Curves, path: str, title: str) -> None:

@@ -1,4 +1,4 @@
-"""What reinforcement learning adds: the modular policies from scratch, by imitation alone, and by imitation and PPO.
+"""Effect of PPO on the modular policies: PPO from scratch, imitation alone, and imitation followed by PPO.
 
     python benchmarks/policy_training.py --frames 1e6                       # hours; continues after an interruption
     python benchmarks/policy_training.py --rewards obs --seeds 3 --plot docs/learning_curves.png
@@ -27,7 +27,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from exploration import TRAINED_FOR, UNTRAINED, Curves, areas_of, run_all
+from exploration import TRAINED_FOR, UNTRAINED, Curves, areas_of, run_all, verdict
 
 from autonerf_lab.benchmark.statistics import Runs, difference, interval
 from autonerf_lab.policies.weights import read_meta
@@ -89,8 +89,7 @@ def print_table(reward: str, areas: dict[str, Runs]) -> dict[str, float]:
     found = {}
     for a, b in DIFFERENCES:
         change = difference(areas[a], areas[b])
-        verdict = ("better" if change.mean > 0 else "worse") if change.excludes_zero else "not significant"
-        print(f"  {TITLES[a]} - {TITLES[b]}: {change!s} ({verdict})")
+        print(f"  {TITLES[a]} - {TITLES[b]}: {change!s} ({verdict(change)})")
         found[f"{reward} {a} - {b}"] = round(change.mean, 2)
     return found
 
