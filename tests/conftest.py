@@ -21,7 +21,7 @@ SLOW = (
     *("benchmark", "browser", "cli", "conformance/test_models.py", "course", "integration", "nerf/test_fit.py"),
     *(
         "nerf/test_photographs.py",
-        "nerf/test_thread_counts.py",
+        "nerf/test_same_bits.py",
         "pipeline",
         "training",
         "viz",

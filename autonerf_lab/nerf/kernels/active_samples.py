@@ -10,7 +10,7 @@ from autonerf_lab.nerf.kernels.dense import weight_gradient
 from autonerf_lab.nerf.kernels.tiling import ONE, SIMD_WIDTH, ZERO
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def force(starts, ends, depth, front, behind, forced):
     """Mark the samples of one ray that are compared with a measured surface; they need a gradient without weight."""
     for i in range(forced.shape[0]):
@@ -18,7 +18,7 @@ def force(starts, ends, depth, front, behind, forced):
         forced[i] = depth > ZERO and -front < distance < behind
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def pack(weights, forced, min_weight, columns, owners, owned, packed):
     """Find the active samples of a tile; return their number, and that number rounded up to whole vectors.
 
@@ -47,7 +47,7 @@ def pack(weights, forced, min_weight, columns, owners, owned, packed):
     return count, full
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def gather(source, columns, n, target):
     """Write ``target[:, k] = source[:, columns[k]]`` for n columns."""
     for j in range(source.shape[0]):
@@ -55,7 +55,7 @@ def gather(source, columns, n, target):
             target[j, k] = source[j, columns[k]]
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def composite(values, packed, n, out):
     """Write ``out[j, r]``: the sum over the samples k of ray r of ``packed[r, k] * values[j, k]``."""
     for j in range(out.shape[0]):

@@ -14,7 +14,7 @@ from autonerf_lab.nerf.kernels.simd import load, multiply_add, positive, store, 
 from autonerf_lab.nerf.kernels.tiling import SIMD_WIDTH, ZERO
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _product(weights, x, j, s, sums):
     """Add ``weights[j : j + 4] @ x[:, s : s + SIMD_WIDTH]`` to four vectors of sums and return them."""
     a0, a1, a2, a3 = sums
@@ -27,7 +27,7 @@ def _product(weights, x, j, s, sums):
     return a0, a1, a2, a3
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _store(y, j, s, sums):
     a0, a1, a2, a3 = sums
     store(y, j, s, a0)
@@ -36,7 +36,7 @@ def _store(y, j, s, sums):
     store(y, j + 3, s, a3)
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def dense(weights, x, y, n):
     """Write ``y = weights @ x``: weights (J, K), x (K, n), y (J, n), J a multiple of 4, n of SIMD_WIDTH."""
     for s in range(0, n, SIMD_WIDTH):
@@ -44,7 +44,7 @@ def dense(weights, x, y, n):
             _store(y, j, s, _product(weights, x, j, s, (zeros(), zeros(), zeros(), zeros())))
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def dense_add(weights, x, y, n):
     """Add ``weights @ x`` to y; shapes as in :func:`dense`."""
     for s in range(0, n, SIMD_WIDTH):
@@ -53,7 +53,7 @@ def dense_add(weights, x, y, n):
             _store(y, j, s, _product(weights, x, j, s, before))
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def weight_gradient(dy, x, dw, n):
     """Add ``dy @ x.T`` to dw: dy (J, n), x (K, n), dw (J, K), J a multiple of 4, K of 2."""
     rows, cols = dw.shape
@@ -82,7 +82,7 @@ def weight_gradient(dy, x, dw, n):
             dw[j + 3, k + 1] += a31
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def relu(x, n):
     """Apply a ReLU to the first n columns of x in place."""
     for j in range(x.shape[0]):
@@ -90,7 +90,7 @@ def relu(x, n):
             store(x, j, s, positive(load(x, j, s)))
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def relu_backward(y, dy, n):
     """Clear dy where the output y of the ReLU is not positive."""
     for j in range(y.shape[0]):

@@ -122,7 +122,7 @@ def _interpolated(grid, x, y, z):
     return MILLIMETRE * (total / known) if known > np.float32(0.4) else MILLIMETRE * np.float32(UNKNOWN)
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _measured_steps(o, d, surface, origin, voxel, grid, near, band, before, behind, ends, share):
     """Divide a ray up to its measured surface into steps, and return their number; see :func:`surface_bins`."""
     t, total, count, start = near, ZERO, 0, surface - before
@@ -147,7 +147,7 @@ def _measured_steps(o, d, surface, origin, voxel, grid, near, band, before, behi
     return count + 1
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _searched_steps(o, d, origin, voxel, grid, near, far, band, behind, ends, share):
     """Divide a ray into steps until it is behind a surface, and return their number; see :func:`surface_bins`.
 

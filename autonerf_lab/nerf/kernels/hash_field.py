@@ -68,7 +68,7 @@ class Scales(NamedTuple):
     density_gain: np.float32  # factor of the first output of the density network
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0, s1):
     """Compute colours and the semantic hidden layers of n packed samples; the semantic output follows compositing."""
     dense(ray_part, owned, c0, n)
@@ -86,7 +86,7 @@ def _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0, s1):
     relu(s1, n)
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _cross_entropy(logits, labels, trust, first, scale, d_logits):
     """Return the weighted sum of cross entropies and the number of correct labels; write the gradients."""
     entropy, correct = 0.0, 0.0
@@ -112,7 +112,7 @@ def _cross_entropy(logits, labels, trust, first, scale, d_logits):
     return entropy, correct
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _photometric(shown, left, target, background, first, scale, color, d_color, d_left):
     """Return the sum of squared errors of a tile; write the gradients of colours and remaining transmittance."""
     squared = 0.0
@@ -127,7 +127,7 @@ def _photometric(shown, left, target, background, first, scale, color, d_color, 
     return squared
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _samples_backward(rgb, s, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_s, slopes, d_packed):
     """Write the gradients of packed colours (before the sigmoid), semantic features and weights."""
     dense(d_s_ray, packed, d_s, n)
@@ -141,7 +141,7 @@ def _samples_backward(rgb, s, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_
             d_rgb[j, k] = packed[owners[k], k] * slope * value * (ONE - value)
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _heads_backward(
     transposed, gradients, chunk, learn, owned, n, g, c0, c1, s0, s1, d_rgb, d_s0, d_s1, d_ray, d_c, d_h, d_g
 ):

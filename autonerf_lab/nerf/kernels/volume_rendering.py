@@ -41,7 +41,7 @@ def density_from_raw(raw):
     return np.exp(min(raw + LOG_SIGMA_START, MAX_LOG_SIGMA))
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def ray_weights(raw, starts, ends, weights):
     """Write the weights of one ray and return the transmittance behind the last bin.
 
@@ -58,7 +58,7 @@ def ray_weights(raw, starts, ends, weights):
     return transmittance
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def ray_weights_backward(raw, starts, ends, weights, left, d_weights, d_left, d_raw):
     """Write the gradient of the raw densities.
 
@@ -77,7 +77,7 @@ def ray_weights_backward(raw, starts, ends, weights, left, d_weights, d_left, d_
         transmittance += weights[i]  # T_i = T_{i+1} + w_i
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def median_depth(starts, ends, weights):
     """Return the distance at which half of the total weight is reached, linear inside a bin."""
     half = np.float32(0.5) * weights.sum()
@@ -90,19 +90,19 @@ def median_depth(starts, ends, weights):
     return ends[-1]
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def warp(t, turn):
     """Map a distance to s in [0, 1): linear up to ``turn`` metres (s = 0.5), then linear in disparity."""
     return np.float32(0.5) * t / turn if t < turn else ONE - np.float32(0.5) * turn / max(t, turn)
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def unwarp(s, turn):
     """Invert :func:`warp`."""
     return np.float32(2.0) * s * turn if s < 0.5 else np.float32(0.5) * turn / max(ONE - s, np.float32(1e-7))
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def distortion(starts, ends, weights, turn, scale, d_weights):
     """Return the distortion loss (Barron et al. 2022, equation 15), and add its gradient to ``d_weights``.
 
@@ -129,7 +129,7 @@ def distortion(starts, ends, weights, turn, scale, d_weights):
     return loss
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def surface_error(raw, starts, ends, depth, surface, scale, d_raw):
     """Return the squared error of the signed distances that log densities imply; add its gradient to ``d_raw``.
 
@@ -250,7 +250,7 @@ def resample(edges, weights, jitter, padding, out):
             out[r, i] = edges[r, j] + inside * (edges[r, j + 1] - edges[r, j])
 
 
-@njit(fastmath=True, cache=True, error_model="numpy")
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def interlevel(edges, weights, fine_edges, fine_weights, scale, d_weights):
     """Return the interlevel loss of one ray (Barron et al. 2022, equation 13).
 
