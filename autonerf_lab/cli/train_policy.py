@@ -66,6 +66,7 @@ class TrainPolicyCommand:
     network: Annotated[
         Literal["compact", "paper"], option(help="Policy interface and network of a modular policy.")
     ] = "compact"
+    device: Annotated[str, option(metavar="NAME", help="Torch device of the network, such as cuda.")] = "cpu"
 
     def run(self) -> None:
         """Train the policy, save the learning curve and print the path of the weights."""
@@ -77,13 +78,15 @@ class TrainPolicyCommand:
         from autonerf_lab.utils.storage import write_bytes
         from autonerf_lab.viz.figures.training import learning_curve
 
+        if self.start is not None and self.demonstrations is not None:
+            raise DataError("--start replaces the imitation of --demonstrations: give one of them")
         given = {"frames": self.frames, "demonstrations": self.demonstrations}
         chosen: dict[str, Any] = {name: whole_number(text, 0) for name, text in given.items() if text is not None}
         if self.network == "paper":
             chosen["network"] = {"kind": "paper", "viewpoints": self.policy.endswith("-view")}
         settings = settings_of(self.policy, seed=self.seed, **chosen)
         out = self.out or Path("runs/policies") / self.policy
-        weights = train_policy(self.policy, out, settings, workers=self.workers, start=self.start)
+        weights = train_policy(self.policy, out, settings, workers=self.workers, start=self.start, device=self.device)
         if curve := read_meta(weights)["curve"]:  # empty after imitation only
             image = io.BytesIO()
             learning_curve(curve, self.policy).savefig(image, format="png", dpi=110)

@@ -271,7 +271,7 @@ def check_device(device: str | None) -> None:
         >>> check_device("cpu")
         >>> check_device("gpu")
         Traceback (most recent call last):
-        autonerf_lab.errors.DeviceError: device 'gpu' is not available on this machine; device=None computes on the CPU
+        autonerf_lab.errors.DeviceError: device 'gpu' is not available on this machine; without it the CPU computes
     """
     if device is None:
         return
@@ -281,5 +281,5 @@ def check_device(device: str | None) -> None:
         torch.empty(0, device=device)
     except (RuntimeError, AssertionError) as error:
         raise DeviceError(
-            f"device {str(device)!r} is not available on this machine; device=None computes on the CPU"
+            f"device {str(device)!r} is not available on this machine; without it the CPU computes"
         ) from error

@@ -129,7 +129,11 @@ class TimedBuffer(DictRolloutBuffer):
 
 
 def make_ppo(
-    pool: WorkerPool, network: Callable[[], torch.nn.Module], settings: PolicySettings, log: Path | None
+    pool: WorkerPool,
+    network: Callable[[], torch.nn.Module],
+    settings: PolicySettings,
+    log: Path | None,
+    device: str = "cpu",
 ) -> PPO | RecurrentPPO:
     """Make PPO, or recurrent PPO for a recurrent network; ``log`` is the folder of the TensorBoard logs."""
     options: dict[str, Any] = {
@@ -147,7 +151,7 @@ def make_ppo(
         "policy_kwargs": {"network": network},
         "tensorboard_log": None if log is None else str(log),
         "seed": settings.seed,
-        "device": "cpu",
+        "device": device,
     }
     if spec_of(settings.network).recurrent:
         return RecurrentPPO(RecurrentNetworkPolicy, pool, **options)
@@ -167,7 +171,7 @@ def training_state(ppo: PPO | RecurrentPPO) -> dict[str, np.ndarray]:
     for name, value in network.named_parameters():
         moments = optimizer.state.get(value, {})
         state |= {f"adam/{name}/{key}": torch.as_tensor(moment) for key, moment in moments.items()}
-    return {name: value.numpy().copy() for name, value in state.items()}
+    return {name: value.numpy(force=True).copy() for name, value in state.items()}
 
 
 def load_training_state(ppo: PPO | RecurrentPPO, arrays: dict[str, np.ndarray]) -> None:
@@ -182,7 +186,7 @@ def load_training_state(ppo: PPO | RecurrentPPO, arrays: dict[str, np.ndarray]) 
         array = arrays[name]
         if array.shape != like.shape or array.dtype != np.float32 or not np.isfinite(array).all():
             raise ValueError(f"{name} is not {tuple(like.shape)} finite numbers of 32 bits")
-        return torch.from_numpy(array)
+        return torch.from_numpy(array).to(like.device)
 
     network, optimizer = network_of(ppo), ppo.policy.optimizer
     has_moments = any(name.startswith("adam/") for name in arrays)  # False after imitation, before PPO

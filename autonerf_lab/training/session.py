@@ -77,8 +77,10 @@ class TrainingSession(BaseCallback):
         self.follow: int = make_interface(settings.network).follow
         self.aligned = spec_of(settings.network).fixed_length  # the episodes of all environments end together
         self.episode, self.seconds = 0, 0.0
-        self._sums = np.zeros(settings.environments)
-        self._ended: list[tuple[float, dict[str, Any]]] = []  # rewards and infos of the episodes of this rollout
+        # Sum of the rewards and discounted return of each running episode, and the discount of its next reward.
+        self._sums, self._returns, self._discounts = (np.zeros(settings.environments) for _ in range(3))
+        self._begin(np.ones(settings.environments, bool))
+        self._ended: list[dict[str, Any]] = []  # rewards, returns and infos of the episodes of this rollout
         self._saved = self._started = time.perf_counter()
         self._threads = torch.get_num_threads()
 
@@ -152,7 +154,10 @@ class TrainingSession(BaseCallback):
         self.pool.set_episode(self._steps)
         self.model._last_obs = self.pool.reset()
         self.model._last_episode_starts = np.ones(self.settings.environments, bool)
-        self._sums[:] = 0
+        self._begin(np.ones(self.settings.environments, bool))
+
+    def _begin(self, which: np.ndarray) -> None:
+        self._sums[which], self._returns[which], self._discounts[which] = 0, 0, 1
 
     @property
     def _steps(self) -> int:
@@ -169,24 +174,28 @@ class TrainingSession(BaseCallback):
         return self.model.num_timesteps > 0 and ended
 
     def _on_step(self) -> bool:
-        self._sums += self.locals["rewards"] / self.settings.scale
-        ends, infos = self.locals["dones"], self.locals["infos"]
+        rewards, ends, infos = self.locals["rewards"] / self.settings.scale, self.locals["dones"], self.locals["infos"]
         steps = np.array([info.get("steps", 1) for info in infos])
+        self._sums += rewards
+        self._returns += self._discounts * rewards
+        self._discounts *= self.settings.gamma ** (steps / self.follow)
         self.frames += int(steps.sum())
         buffer = self.model.rollout_buffer
         if isinstance(buffer, TimedBuffer):
             buffer.durations[buffer.pos] = steps / self.follow
         self.episode += bool(ends.any())
-        self._ended += [(self._sums[k], infos[k]) for k in np.flatnonzero(ends)]
-        self._sums[ends] = 0
+        for k in np.flatnonzero(ends):
+            self._ended.append(infos[k] | {"reward": self._sums[k], "return": self._returns[k]})
+        self._begin(ends)
         self._bar.update(self.settings.environments)
         return True
 
     def _add_row(self) -> None:
         """Add a row to the learning curve: means over the episodes that ended in this rollout."""
-        row: dict[str, float] = {"frames": self.frames, "reward": float(np.mean([total for total, _ in self._ended]))}
-        for name, unit in (("explored_m2", 1), ("success", 100), ("spl", 100)):  # success and SPL in percent
-            values = [unit * info[name] for _, info in self._ended if name in info]
+        row: dict[str, float] = {"frames": self.frames}
+        units = {"reward": 1, "return": 1, "explored_m2": 1, "success": 100, "spl": 100}  # success and SPL in percent
+        for name, unit in units.items():
+            values = [unit * ended[name] for ended in self._ended if name in ended]
             row |= {name: float(np.mean(values))} if values else {}
         self._ended.clear()
         self.curve.append(row)

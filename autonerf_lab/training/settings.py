@@ -65,7 +65,9 @@ def settings_of(policy: str, **overrides: Any) -> PolicySettings:
     raise UnknownNameError("policy to train", policy, [*names, POINTGOAL])
 
 
-def command_of(policy: str, settings: PolicySettings, start: str | Path | None = None) -> str | None:
+def command_of(
+    policy: str, settings: PolicySettings, start: str | Path | None = None, device: str = "cpu"
+) -> str | None:
     """Return the command line of a training; None if it has settings without a command-line option.
 
     Example:
@@ -77,4 +79,5 @@ def command_of(policy: str, settings: PolicySettings, start: str | Path | None =
     if settings.demonstrations != settings_of(policy).demonstrations:
         command += f" --demonstrations {settings.demonstrations}"
     command += f" --start {start}" if start else ""
+    command += f" --device {device}" if device != "cpu" else ""
     return command if settings == named else None

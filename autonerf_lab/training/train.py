@@ -26,6 +26,7 @@ from torch import nn
 
 from autonerf_lab.envs import ENVS
 from autonerf_lab.errors import DataError
+from autonerf_lab.nerf.model import check_device
 from autonerf_lab.policies import weights_path, weights_sha256
 from autonerf_lab.policies.networks import RecurrentNetwork
 from autonerf_lab.policies.spec import make_interface, make_network, spec_of
@@ -36,6 +37,7 @@ from autonerf_lab.training.augmentation import SymmetryAugmentation
 from autonerf_lab.training.checkpoint import CHECKPOINT, read_checkpoint
 from autonerf_lab.training.imitation import demonstrate, imitate
 from autonerf_lab.training.ppo import make_ppo, network_of
+from autonerf_lab.training.probe import probe
 from autonerf_lab.training.session import CheckpointHeader, TrainingSession
 from autonerf_lab.training.settings import PolicySettings, command_of, settings_of
 from autonerf_lab.training.shortest_path_expert import imitate_shortest_paths
@@ -92,6 +94,7 @@ def train_policy(
     callback: Callable[[dict[str, float]], None] = lambda row: None,
     scenes: Scenes = None,
     start: str | Path | None = None,
+    device: str = "cpu",
 ) -> Path:
     """Train a policy, or resume its training from the checkpoint in the folder.
 
@@ -103,9 +106,11 @@ def train_policy(
         workers: number of worker processes; the result does not depend on it.
         progress: show a progress bar.
         callback: called after every rollout in which an episode ended, with a row of the learning curve: ``frames``,
-            ``reward``, and ``explored_m2`` or ``success`` and ``spl``. An exception it raises ends the training.
+            ``reward``, ``return`` (discounted), and ``explored_m2`` or ``success`` and ``spl``. An exception it raises
+            ends the training.
         scenes: training scenes instead of those of the settings, for example a reconstructed mesh.
         start: initial weights instead of imitation: the name of a built-in policy or a path.
+        device: torch device of the network during PPO. The environments and the imitation are computed on the CPU.
 
     Returns:
         Path of the weights without suffix, for :func:`autonerf_lab.policies.load_policy`.
@@ -113,10 +118,14 @@ def train_policy(
     Raises:
         UnknownNameError: unknown policy or reward.
         RunFolderError: the folder contains another training.
-        DataError: the initial weights are missing or belong to another network.
+        DataError: the initial weights are missing or belong to another network, or nothing would be trained.
+        DeviceError: the device does not exist on this machine.
         TrainingError: a value is not finite, or a worker process died; the last checkpoint is kept.
     """
+    check_device(device)
     folder, settings = Path(folder), settings or settings_of(name)
+    if not settings.frames and (start is not None or not settings.demonstrations):
+        raise DataError("nothing would be trained: set frames, or demonstrations without initial weights")
     chosen = reward or name.partition("-")[2]
     spec = spec_of(settings.network)
     learned = None if spec.rewards is None else make_reward(chosen)
@@ -136,7 +145,7 @@ def train_policy(
     started = time.perf_counter()
     pool = WorkerPool(make, settings.environments, workers, settings.seed)
     try:
-        ppo = make_ppo(pool, lambda: make_network(settings.network)[1], settings, folder / "tensorboard")
+        ppo = make_ppo(pool, lambda: make_network(settings.network)[1], settings, folder / "tensorboard", device)
         session = TrainingSession(folder, fingerprint, settings, pool, learned, progress, callback)
         session.model = ppo
         if checkpoint:
@@ -146,7 +155,8 @@ def train_policy(
             if first is not None:
                 load_weights(first, network)
             elif settings.demonstrations and spec.teacher:
-                TEACHERS[spec.teacher](network, settings, chosen, make, progress)
+                TEACHERS[spec.teacher](network.cpu(), settings, chosen, make, progress)
+                network.to(device)
             session.share_reward()  # its random initial values may differ between processes
             session.save()
         updates = -(-settings.frames // (session.follow * decisions_per_update))  # rounded up
@@ -159,17 +169,19 @@ def train_policy(
         pool.close()
         torch.set_num_threads(threads)
     write_bytes(folder / "curve.csv", pd.DataFrame(session.curve).to_csv(index=False, lineterminator="\n").encode())
+    network = network_of(ppo).cpu()
     save_weights(
         folder / "policy",
-        network_of(ppo),
+        network,
         {
             "policy": name,
-            "command": command_of(name, settings, start) if reward is scenes is None else None,
+            "command": command_of(name, settings, start, device) if reward is scenes is None else None,
             "seed": settings.seed,
             "network": settings.network,
             "frames": session.frames,
             "hours": round((session.seconds + time.perf_counter() - started) / 3600, 3),
             "settings": fingerprint,
+            "probe": probe(network, make),
             "curve": session.curve,
         },
     )

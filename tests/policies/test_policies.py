@@ -2,21 +2,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from safetensors.numpy import load_file
 from toy_scene import two_rooms
 
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.mapping import empty_map
-from autonerf_lab.policies import WEIGHTS, Frontier, make_policy, weights_sha256
+from autonerf_lab.policies import Frontier, make_policy, weights_sha256
 from autonerf_lab.policies.egocentric import EgocentricInterface, egocentric_shares
-from autonerf_lab.policies.end_to_end import EndToEnd
 from autonerf_lab.policies.information_gain import RAYS, new_views, unknown_area
 from autonerf_lab.policies.interfaces import pooled
-from autonerf_lab.policies.modular import Modular
-from autonerf_lab.policies.weights import read_meta
-from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action, Observation
 
@@ -151,25 +146,3 @@ def test_the_hash_of_weights_depends_on_their_content(tmp_path):
     assert weights_sha256(str(path)) is None and weights_sha256("frontier") is None
     path.write_bytes(b"abc")
     assert weights_sha256(str(path)) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-
-
-@pytest.mark.parametrize("path", sorted(WEIGHTS.glob("*.safetensors")), ids=lambda path: path.stem)
-def test_built_in_weights_are_small_and_have_complete_metadata(path):
-    assert path.stat().st_size <= 5e6
-    meta = read_meta(path)
-    assert meta["command"].startswith(f"autonerf-lab train-policy --policy {path.stem} --frames ")
-    assert meta["frames"] >= 500_000 and meta["hours"] > 0 and meta["seed"] is not None
-    assert all(row["frames"] > 0 and np.isfinite(row["reward"]) for row in meta["curve"])
-    assert any(np.abs(array.astype(np.float32)).max() > 0 for array in load_file(path).values())
-    assert isinstance(make_policy(path.stem), Modular if path.stem.startswith("modular-") else EndToEnd)
-
-
-@pytest.mark.parametrize(("name", "margin"), [("e2e-cur", 3.0), ("e2e-nov", 10.0), ("e2e-rec", 10.0)])
-def test_built_in_weights_explore_more_than_the_untrained_network(name, margin):
-    """Explored area after 80 steps in one apartment: 41.0, 50.3 and 55.5 m²; 35.4 m² with the untrained network.
-
-    The weights of the other policies are those of the committed table, see ``test_fingerprint.py``.
-    """
-    sim = Simulator(load_scene("dev-0"), Intrinsics.from_fov(84, 84), supersample=1)
-    trajectory = explore(sim, name, steps=80, seed=0, progress=False)
-    assert trajectory.meta["explored_m2"][-1] > 35.4 + margin

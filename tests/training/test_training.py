@@ -175,7 +175,7 @@ def test_episodes_longer_than_a_rollout_run_to_their_end(tmp_path, monkeypatch):
     original = session.TrainingSession._add_row
 
     def listen(run):
-        ended.extend(info for _, info in run._ended)
+        ended.extend(run._ended)
         original(run)
 
     monkeypatch.setattr(session.TrainingSession, "_add_row", listen)
