@@ -1,12 +1,13 @@
 """Predicted labels: single frames, fields and fused labels, in scenes without training frames.
 
 ``python benchmarks/segmentation.py [--quick]`` scores the frames in the development scenes and measures their time.
-``--runs TRUE PREDICTED`` also compares the fields of two results folders, which these commands write, and the labels of
-the frames fused in a point cloud (about two minutes a run on one core)::
+``--runs PREDICTED`` also compares the fields of a results folder with the frames and with the labels of the frames
+fused in a point cloud (about two minutes a run on one core), ``--true-runs TRUE`` with the fields of true labels. These
+commands write the folders::
 
-    GRID="--policies modular-obs --scenes dev --starts 1 --save-runs"
-    autonerf-lab bench run $GRID --out TRUE
+    GRID="--policies modular-obs --scenes dev --starts 1 --save-runs --models semantic-nerfacto-rgbd"
     autonerf-lab bench run $GRID --semantics predicted --out PREDICTED
+    autonerf-lab bench run $GRID --out TRUE
 
 ``--out DIR`` keeps the figures and the IoU of each class in each run.
 """
@@ -102,7 +103,7 @@ def saved_runs(results: Path) -> dict[tuple[str, int], StageContext]:
     return found
 
 
-def score_run(true: StageContext, predicted: StageContext, out: Path | None) -> FieldScores:
+def score_run(predicted: StageContext, true: StageContext | None, out: Path | None) -> FieldScores:
     """Score the frames, the field and the fused labels of a run at the same test views."""
     config = predicted.run.config
     found = lab.evaluate(
@@ -110,7 +111,8 @@ def score_run(true: StageContext, predicted: StageContext, out: Path | None) -> 
         trajectory=predicted.trajectory, progress=False,
     )  # fmt: skip
     fused = found.baselines["fused_labels"]
-    stored = {column: Scores.load(c.run / "scores.json") for column, c in (("field", predicted), ("true", true))}
+    both = ("field", predicted), ("true", true)
+    stored = {column: Scores([]) if c is None else Scores.load(c.run / "scores.json") for column, c in both}
     frames = Scores([row for row in stored["field"] if row.task == "segmentation"])
     artifacts = {
         "frames": found.artifacts["segmentation"],
@@ -194,10 +196,8 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="One scene, 20 views.")
     parser.add_argument("--scenes", default=",".join(scene_names("dev")), help="Names, separated by commas.")
     parser.add_argument("--semantics", default="predicted", help="Segmenter.")
-    parser.add_argument(
-        "--runs", type=Path, nargs=2, default=None, metavar=("TRUE", "PREDICTED"),
-        help="Results folders with saved runs; compares the fields in the scenes that both have.",
-    )  # fmt: skip
+    parser.add_argument("--runs", type=Path, default=None, help="Results folder with saved runs of predicted labels.")
+    parser.add_argument("--true-runs", type=Path, default=None, help="The same of true labels.")
     parser.add_argument("--out", type=Path, default=None, help="Folder of figures and of the table of classes.")
     options = parser.parse_args()
     names = options.scenes.split(",")[: 1 if options.quick else None]
@@ -224,14 +224,14 @@ def main() -> None:
         for figure in ("segmentation_failures", "reliability_diagram"):
             getattr(figures, figure)({"errors": total}).savefig(options.out / f"{figure}.png", dpi=110)
     if options.runs is not None:
-        true, predicted = map(saved_runs, options.runs)
+        true = saved_runs(options.true_runs) if options.true_runs else {}
         compared = [
-            score_run(true[key], predicted[key], options.out)
-            for key in sorted(true.keys() & predicted.keys())
+            score_run(run, true.get(key), options.out)
+            for key, run in saved_runs(options.runs).items()
             if key[0] in names
         ]
         if not compared:
-            raise DataError(f"the two results folders have no common run in {', '.join(names)}")
+            raise DataError(f"{options.runs} has no run in {', '.join(names)}")
         result |= compare_fields(compared)
         if options.out is not None:
             write_csv(options.out / "classes.csv", class_rows(compared))
