@@ -206,16 +206,19 @@ def test_ray_gradients_agree_with_finite_differences(
     def error(rays_o: np.ndarray, rays_d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return model.field.ray_gradients(Rays(np.float32(rays_o), np.float32(rays_d)), samples, target)
 
-    _, d_o, d_d = error(rays_o, rays_d)
-    # A larger step crosses kinks (1e-4 m: slopes of semantic-nerf up to 12 % too small), a smaller one shows rounding.
-    step = np.float32(6e-5) * rng.normal(size=rays_o.shape).astype(np.float32)
+    middle, d_o, d_d = error(rays_o, rays_d)
+    step = np.float32(3e-5) * rng.normal(size=rays_o.shape).astype(np.float32)
     for slope, ahead, behind in (
         (d_o, (rays_o + step, rays_d), (rays_o - step, rays_d)),
         (d_d, (rays_o, rays_d + step), (rays_o, rays_d - step)),
     ):
-        found, expected = (error(*ahead)[0] - error(*behind)[0]) / 2, (slope * step).sum(axis=1)
-        assert np.corrcoef(found, expected)[0, 1] > 0.95  # the slope jumps at faces of cells
-        assert (found @ expected) / (expected @ expected) == pytest.approx(1, abs=0.1)
+        right, left = error(*ahead)[0] - middle, middle - error(*behind)[0]
+        found, expected = (right + left) / 2, (slope * step).sum(axis=1)
+        smooth = np.abs(right - left) < 0.4 * np.abs(found)  # the slope jumps at faces of cells and at kinks of layers
+        assert smooth.mean() > 0.6
+        found, expected = found[smooth], expected[smooth]
+        assert np.corrcoef(found, expected)[0, 1] > 0.99
+        assert (found @ expected) / (expected @ expected) == pytest.approx(1, abs=0.06)
 
 
 def test_a_custom_model_is_trained_saved_and_loaded(trajectory: Trajectory, tmp_path: Path) -> None:
