@@ -175,7 +175,7 @@ def test_a_training_continues_from_its_checkpoint_with_the_same_settings(scene, 
     made = train_policy(POINTGOAL, tmp_path, SMALL, workers=1, progress=False, scenes=[scene], start=weights)
     meta = read_meta(made)
     assert meta["command"] is None and meta["frames"] >= 128
-    assert {"success", "spl", "reward", "frames"} == set(meta["curve"][0])
+    assert {"success", "spl", "reward", "return", "frames"} == set(meta["curve"][0])
     more = replace(SMALL, frames=2 * SMALL.frames)
     train_policy(POINTGOAL, tmp_path, more, workers=1, progress=False, scenes=[scene], start=weights)
     assert read_meta(made)["curve"][: len(meta["curve"])] == meta["curve"], "what is finished can be given more"
