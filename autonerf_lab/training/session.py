@@ -176,13 +176,14 @@ class TrainingSession(BaseCallback):
     def _on_step(self) -> bool:
         rewards, ends, infos = self.locals["rewards"] / self.settings.scale, self.locals["dones"], self.locals["infos"]
         steps = np.array([info.get("steps", 1) for info in infos])
+        durations = steps / self.follow  # in decisions of maximum duration
         self._sums += rewards
         self._returns += self._discounts * rewards
-        self._discounts *= self.settings.gamma ** (steps / self.follow)
+        self._discounts *= self.settings.gamma**durations
         self.frames += int(steps.sum())
         buffer = self.model.rollout_buffer
         if isinstance(buffer, TimedBuffer):
-            buffer.durations[buffer.pos] = steps / self.follow
+            buffer.durations[buffer.pos] = durations
         self.episode += bool(ends.any())
         for k in np.flatnonzero(ends):
             self._ended.append(infos[k] | {"reward": self._sums[k], "return": self._returns[k]})
