@@ -159,7 +159,7 @@ class CompactInterface:
     MATCH_RADIUS = 0.5  # metres from a point to the candidate that represents it
     MIN_DISTANCE = 0.6  # metres from the robot to the nearest candidate: a waypoint at the robot ends at once
 
-    def __init__(self, follow: int = 12, arrival: float = 0.35) -> None:
+    def __init__(self, follow: int = FOLLOW_STEPS, arrival: float = 0.35) -> None:
         self.follow, self.arrival = follow, arrival
         self.reset()
         self.action_space: spaces.Space[Any] = spaces.Discrete(self.GRID**2)

@@ -70,7 +70,7 @@ def predict(
     """
     labels = np.empty(rgb.shape[:-1], np.uint8)
     confidence = np.empty(rgb.shape[:-1], np.float32)
-    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=_HALF):
+    with torch.inference_mode():
         for start in range(0, len(rgb), _BATCH):
             part = slice(start, start + _BATCH)
             images = torch.from_numpy(np.ascontiguousarray(rgb[part])).permute(0, 3, 1, 2)
@@ -100,6 +100,7 @@ def load_network(path: str | Path) -> tuple[nn.Module, float]:
         raise DataError(
             f"{path.with_suffix('.json')} needs version {VERSION} and a temperature; train the weights again"
         )
-    network = CompactNetwork().eval()
+    network: nn.Module = CompactNetwork().eval()
     load_weights(path, network)
-    return fold_normalization(network), float(temperature)
+    network = fold_normalization(network).to(dtype=torch.bfloat16 if _HALF else torch.float32)
+    return network.to(memory_format=torch.channels_last), float(temperature)  # type: ignore[call-overload]

@@ -32,7 +32,7 @@ class _Block(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Map (B, C, h, w) features to features of the same shape."""
-        return functional.relu(x + self.second(functional.relu(self.first(x))))
+        return functional.relu_(x + self.second(functional.relu_(self.first(x))))
 
 
 class CompactNetwork(nn.Module):
@@ -52,10 +52,10 @@ class CompactNetwork(nn.Module):
         self.stem = _convolution(4 * 5, a)
         self.levels = nn.ModuleList(
             [
-                nn.Sequential(_convolution(a, a), nn.ReLU()),
-                nn.Sequential(_convolution(a, b, stride=2), nn.ReLU(), _Block(b)),
-                nn.Sequential(_convolution(b, c, stride=2), nn.ReLU(), _Block(c), _Block(c)),
-                nn.Sequential(_convolution(c, d, stride=2), nn.ReLU(), _Block(d)),
+                nn.Sequential(_convolution(a, a), nn.ReLU(inplace=True)),
+                nn.Sequential(_convolution(a, b, stride=2), nn.ReLU(inplace=True), _Block(b)),
+                nn.Sequential(_convolution(b, c, stride=2), nn.ReLU(inplace=True), _Block(c), _Block(c)),
+                nn.Sequential(_convolution(c, d, stride=2), nn.ReLU(inplace=True), _Block(d)),
             ]
         )
         self.context = nn.Linear(d, d)  # of the mean of the image: the kind of room
@@ -73,15 +73,15 @@ class CompactNetwork(nn.Module):
             depth: (B, H, W) float32, metres, 0 where there is no reading.
 
         Returns:
-            (B, classes, H, W) logits.
+            (B, classes, H, W) logits, of the type of the weights.
         """
         height, width = rgb.shape[-2:]
         below = (torch.arange(height) + 0.5 - height / 2)[:, None] / (width / 2) * depth  # metres
         near = torch.where(depth > 0, 1 / depth.clamp(min=0.2), 0.0)
         x = torch.cat([rgb.float() / 127.5 - 1, near[:, None], below[:, None]], dim=1)
         x = functional.pad(x, (0, -width % STRIDE, 0, -height % STRIDE), mode="replicate")
-        x = functional.pixel_unshuffle(x, 2).contiguous(memory_format=torch.channels_last)
-        x = functional.relu(self.stem(x))
+        x = functional.pixel_unshuffle(x, 2).to(self.head.weight.dtype, memory_format=torch.channels_last)
+        x = functional.relu_(self.stem(x))
         features = []
         for level in self.levels:
             x = level(x)
@@ -89,8 +89,8 @@ class CompactNetwork(nn.Module):
         x = x + self.context(x.mean(dim=(2, 3)))[:, :, None, None]
         for k in reversed(range(len(self.decoders))):
             upper = functional.interpolate(self.ups[k](x), scale_factor=2.0, mode="nearest")
-            x = functional.relu(upper + self.skips[k](features[k]))
-            x = x + functional.relu(self.decoders[k](x))
+            x = functional.relu_(upper + self.skips[k](features[k]))
+            x = x + functional.relu_(self.decoders[k](x))
         logits = functional.pixel_shuffle(self.head(x), 2)
         return logits[..., :height, :width]
 

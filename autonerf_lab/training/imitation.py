@@ -24,7 +24,7 @@ from autonerf_lab.policies.symmetry import SquareSymmetry
 from autonerf_lab.rewards import Reward
 from autonerf_lab.training.settings import PolicySettings
 
-EPOCHS, BATCH, LR = 4, 64, 3e-3
+EPOCHS, BATCH, LR = 8, 64, 3e-3
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,10 @@ def demonstrate(
             obs = interface.observe(env.map)
             action = teacher.act(env.map, env.observation)
             waypoint = teacher.waypoint
-            choice = None if waypoint is None else interface.to_action(waypoint, env.map)
+            choice = None
+            # While the teacher looks around at its waypoint, no action of the interface corresponds to what it does.
+            if waypoint is not None and np.linalg.norm(env.map.pose[:2, 3] - waypoint) >= interface.arrival:
+                choice = interface.to_action(waypoint, env.map)
             rewards.append(0.0)
             steps = 0
             while not (over or waypoint_finished(interface, waypoint, env.map, steps)):

@@ -134,10 +134,20 @@ def make_ppo(
     settings: PolicySettings,
     log: Path | None,
     device: str = "cpu",
+    remaining: Callable[[], float] = lambda: 1.0,
 ) -> PPO | RecurrentPPO:
-    """Make PPO, or recurrent PPO for a recurrent network; ``log`` is the folder of the TensorBoard logs."""
+    """Make PPO, or recurrent PPO for a recurrent network.
+
+    Args:
+        pool: environments.
+        network: makes the network.
+        settings: settings of the training.
+        log: folder of the TensorBoard logs; None: no logs.
+        device: torch device of the network.
+        remaining: returns the remaining share of the training, by which the learning rate is multiplied.
+    """
     options: dict[str, Any] = {
-        "learning_rate": lambda remaining: settings.lr * remaining,
+        "learning_rate": lambda _: settings.lr * remaining(),
         "n_steps": settings.rollout,
         "batch_size": settings.batch,
         "n_epochs": settings.epochs,

@@ -126,16 +126,20 @@ class TrainingSession(BaseCallback):
         write_arrays(self.folder / CHECKPOINT, arrays, header)
         self._saved = time.perf_counter()
 
-    def finish(self) -> None:
-        """Write a last checkpoint, to extend the training later, unless aligned episodes are running."""
-        if self._between_episodes or not self.aligned:
-            self.save()
+    def remaining(self) -> float:
+        """Return the share of the frames that remains."""
+        return max(0.0, 1 - self.frames / self.settings.frames) if self.settings.frames else 0.0
 
     def _on_training_start(self) -> None:
-        total, done = self.model._total_timesteps, self.model.num_timesteps
-        self._bar = tqdm(total=total, initial=done, desc="train", unit="decision", disable=not self.progress)
+        total = self.settings.frames
+        self._bar = tqdm(total=total, initial=self.frames, desc="train", unit="frame", disable=not self.progress)
 
     def _on_rollout_start(self) -> None:
+        self._over = not self.remaining()
+        if self._over:
+            if self._between_episodes or not self.aligned:
+                self.save()  # to extend the training later
+            return
         # Stable-Baselines3 uses the global generators. Seeding them here makes saving their state unnecessary.
         words = np.random.SeedSequence([self.settings.seed, self.model.num_timesteps]).generate_state(2)
         torch.manual_seed(int(words[0]))
@@ -174,6 +178,8 @@ class TrainingSession(BaseCallback):
         return self.model.num_timesteps > 0 and ended
 
     def _on_step(self) -> bool:
+        if self._over:
+            return False
         rewards, ends, infos = self.locals["rewards"] / self.settings.scale, self.locals["dones"], self.locals["infos"]
         steps = np.array([info.get("steps", 1) for info in infos])
         durations = steps / self.follow  # in decisions of maximum duration
@@ -188,7 +194,7 @@ class TrainingSession(BaseCallback):
         for k in np.flatnonzero(ends):
             self._ended.append(infos[k] | {"reward": self._sums[k], "return": self._returns[k]})
         self._begin(ends)
-        self._bar.update(self.settings.environments)
+        self._bar.update(int(steps.sum()))
         return True
 
     def _add_row(self) -> None:
@@ -201,7 +207,7 @@ class TrainingSession(BaseCallback):
         self._ended.clear()
         self.curve.append(row)
         result = f"explored {row['explored_m2']:.0f} m²" if self.aligned else f"success {row['success']:.0f} %"
-        self._bar.set_postfix_str(f"reward per episode {row['reward']:.1f}, {result}, {self.frames} frames")
+        self._bar.set_postfix_str(f"reward per episode {row['reward']:.1f}, {result}")
         for name, value in row.items():
             self.logger.record(f"episode/{name}", value)
         self.on_row(row)

@@ -14,7 +14,7 @@ POINTGOAL = "pointgoal"  # name of the PointGoal policy
 class PolicySettings:
     """Settings of a training by PPO. A decision is a waypoint or a single action."""
 
-    frames: int = 1_500_000  # robot actions, rounded up to whole rollouts in which every decision takes its maximum
+    frames: int = 1_000_000  # robot actions, rounded up to whole rollouts
     seed: int = 0
     demonstrations: int = 80  # episodes of the teacher before PPO
     environments: int = 16  # divided among the worker processes
@@ -72,7 +72,7 @@ def command_of(
 
     Example:
         >>> command_of("modular-obs", settings_of("modular-obs", seed=3))
-        'autonerf-lab train-policy --policy modular-obs --frames 1500000 --seed 3'
+        'autonerf-lab train-policy --policy modular-obs --frames 1000000 --seed 3'
     """
     named = settings_of(policy, frames=settings.frames, seed=settings.seed, demonstrations=settings.demonstrations)
     command = f"autonerf-lab train-policy --policy {policy} --frames {settings.frames} --seed {settings.seed}"

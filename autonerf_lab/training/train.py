@@ -10,6 +10,7 @@ gives bit-identical weights.
 """
 
 import json
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -132,7 +133,6 @@ def train_policy(
     first = None if start is None else weights_path(str(start))
     if first is not None and not first.exists():
         raise DataError(f"{first} does not exist; start from a built-in policy or from a .safetensors file")
-    decisions_per_update = settings.rollout * settings.environments
     fingerprint = {"policy": name, **json.loads(json.dumps(asdict(replace(settings, frames=0))))}
     if scenes is not None:
         fingerprint["training_scenes"] = [scene if isinstance(scene, str) else scene.sha256 for scene in scenes]
@@ -145,8 +145,9 @@ def train_policy(
     started = time.perf_counter()
     pool = WorkerPool(make, settings.environments, workers, settings.seed)
     try:
-        ppo = make_ppo(pool, lambda: make_network(settings.network)[1], settings, folder / "tensorboard", device)
         session = TrainingSession(folder, fingerprint, settings, pool, learned, progress, callback)
+        logs = folder / "tensorboard"
+        ppo = make_ppo(pool, lambda: make_network(settings.network)[1], settings, logs, device, session.remaining)
         session.model = ppo
         if checkpoint:
             session.resume(*checkpoint)
@@ -159,12 +160,10 @@ def train_policy(
                 network.to(device)
             session.share_reward()  # its random initial values may differ between processes
             session.save()
-        updates = -(-settings.frames // (session.follow * decisions_per_update))  # rounded up
-        remaining = updates * decisions_per_update - ppo.num_timesteps
         ppo._last_obs = None
-        if remaining > 0:
-            ppo.learn(remaining, callback=session, reset_num_timesteps=False, tb_log_name="ppo")
-            session.finish()
+        if session.remaining() > 0:
+            # The session ends the training: Stable-Baselines3 counts decisions, not frames.
+            ppo.learn(sys.maxsize, callback=session, reset_num_timesteps=False, tb_log_name="ppo")
     finally:
         pool.close()
         torch.set_num_threads(threads)

@@ -305,7 +305,7 @@ def test_a_reached_waypoint_ends_the_decision(scene):
 def test_only_waypoints_within_one_decision_count_as_tried():
     interface, map = CompactInterface(), empty_map(planar_pose(0, 0, 0))
     map.explored[:] = True
-    for x in (5.25, 1.25):  # metres ahead
+    for x in (7.25, 1.25):  # metres ahead
         interface.to_waypoint(16 * interface.GRID + 16 + round(x * 2 - 0.5), map)
     row = interface.observe(map)["reach"][5, 16]
     assert row[16 + 2] == pytest.approx(np.log(2)) and row[16 + 3] == pytest.approx(np.log1p(np.exp(-0.5)))

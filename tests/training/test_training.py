@@ -34,7 +34,16 @@ from autonerf_lab.training.worker_pool import WorkerPool
 from autonerf_lab.types import Observation
 
 TINY = PolicySettings(
-    frames=180, demonstrations=0, environments=2, episode=2, rollout=2, epochs=1, batch=4, sensor=16, target_kl=None
+    frames=180,
+    demonstrations=0,
+    environments=2,
+    episode=2,
+    rollout=2,
+    epochs=1,
+    batch=4,
+    sensor=16,
+    target_kl=None,
+    network={"kind": "compact", "follow": 12},
 )
 # Four updates, two in each episode; the scene is a toy, because every worker would bake the texture of a frozen one.
 RECURRENT = settings_of("e2e-cov", frames=80, environments=2, rollout=10, epochs=1, batch=8, sensor=16, episode=20)
@@ -358,7 +367,7 @@ def test_explore_with_the_path_of_weights(tmp_path, capsys):
 def test_the_callback_gets_the_learning_curve_and_can_stop_the_training(tmp_path):
     told = []
     train.train_policy("modular-cov", tmp_path / "whole", TINY, workers=1, progress=False, callback=told.append)
-    assert told == read_meta(tmp_path / "whole" / "policy")["curve"] and len(told) == 4
+    assert told == read_meta(tmp_path / "whole" / "policy")["curve"] and len(told) >= 4
 
     def stop(row):
         raise KeyboardInterrupt
@@ -368,14 +377,12 @@ def test_the_callback_gets_the_learning_curve_and_can_stop_the_training(tmp_path
     assert not (tmp_path / "part" / "policy.json").exists()
 
 
-@pytest.mark.parametrize(("frames", "rollouts"), [(1, 1), (48, 1), (49, 2), (96, 2)])
-def test_frames_are_rounded_up_to_whole_rollouts(frames, rollouts, tmp_path):
-    """A rollout of 2 environments and 2 decisions of 12 actions has at most 48 robot actions."""
+@pytest.mark.parametrize("frames", [1, 48, 60, 110])
+def test_frames_are_robot_actions_rounded_up_to_whole_rollouts(frames, tmp_path):
     settings = replace(TINY, frames=frames)
     weights = train.train_policy("modular-cov", tmp_path, settings, workers=1, progress=False)
-    assert len(pd.read_csv(tmp_path / "curve.csv")) == rollouts
-    assert (rollouts - 1) * 48 < frames <= rollouts * 48
-    assert 4 * rollouts <= read_meta(weights)["frames"] <= rollouts * 48
+    rollouts = [0, *pd.read_csv(tmp_path / "curve.csv").frames]
+    assert rollouts[-2] < frames <= rollouts[-1] == read_meta(weights)["frames"]
 
 
 @pytest.mark.parametrize("kind", SPECS)
