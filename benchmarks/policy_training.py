@@ -17,8 +17,11 @@ with a band over the seeds.
 
 import argparse
 import json
+import shutil
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +30,17 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from common.training import set_threads
 from exploration import TRAINED_FOR, UNTRAINED, Curves, areas_of, run_all, verdict
 
 from autonerf_lab.benchmark.statistics import Runs, difference, interval
 from autonerf_lab.policies.weights import read_meta
 from autonerf_lab.scenes import scene_names
+from autonerf_lab.training.checkpoint import CHECKPOINT
 from autonerf_lab.training.settings import PolicySettings, settings_of
 from autonerf_lab.training.train import train_policy
 
+KINDS = ("scratch", "imitation", "ppo")  # of trainings
 SMOOTH = 5  # updates of the running mean in the figure
 DIFFERENCES = (("ppo", "imitation"), ("scratch", "untrained"), ("ppo", "frontier"), ("scratch", "frontier"))
 TITLES = {
@@ -48,7 +54,7 @@ TITLES = {
 
 @dataclass(frozen=True)
 class Variants:
-    """Weights of the trainings for one reward and seed, paths without suffix."""
+    """Folders of the trainings for one reward and seed."""
 
     scratch: Path
     imitation: Path
@@ -56,23 +62,36 @@ class Variants:
 
     def policies(self) -> dict[str, str]:
         """Return the names by which the exploration benchmark makes the policies."""
-        weights = {name: f"{getattr(self, name)}.safetensors" for name in ("scratch", "imitation", "ppo")}
+        weights = {name: f"{getattr(self, name)}/policy.safetensors" for name in KINDS}
         return {"untrained": UNTRAINED + weights["scratch"], **weights, "frontier": "frontier"}
 
 
-def train(reward: str, settings: PolicySettings, out: Path, workers: int) -> Variants:
-    """Train the policies for one reward and seed, or continue their trainings."""
-    all_settings = {
-        "scratch": replace(settings, demonstrations=0),
-        "imitation": replace(settings, frames=0),
-        "ppo": settings,
+def train(trainings: dict[str, list[PolicySettings]], out: Path, workers: int) -> dict[str, list[Variants]]:
+    """Train the policies of each reward and seed, or continue their trainings, one in each process."""
+    folders = {
+        reward: [Variants(*(out / f"{reward}-{s.seed}-{name}" for name in KINDS)) for s in seeds]
+        for reward, seeds in trainings.items()
     }
-    found = {}
-    for name, chosen in all_settings.items():
-        print(f"{reward}, seed {settings.seed}: {TITLES[name]}", flush=True)
-        folder = out / "trainings" / f"{reward}-{settings.seed}-{name}"
-        found[name] = train_policy(f"modular-{reward}", folder, chosen, workers=workers)
-    return Variants(**found)
+    alone: list[tuple[str, Path, PolicySettings]] = []
+    after: list[tuple[str, Path, PolicySettings, Path]] = []
+    for reward, seeds in trainings.items():
+        for settings, folder in zip(seeds, folders[reward], strict=True):
+            alone.append((reward, folder.imitation, replace(settings, frames=0)))
+            alone.append((reward, folder.scratch, replace(settings, demonstrations=0)))
+            after.append((reward, folder.ppo, settings, folder.imitation))
+    with ProcessPoolExecutor(workers, get_context("spawn"), set_threads, (1,)) as pool:
+        for jobs in (alone, after):
+            for done in [pool.submit(train_one, *job) for job in jobs]:
+                print(f"trained: {done.result()}", flush=True)
+    return folders
+
+
+def train_one(reward: str, folder: Path, settings: PolicySettings, start: Path | None = None) -> Path:
+    """Train a policy, or continue its training; ``start`` is the folder of a training that it goes on with."""
+    if start is not None and not (folder / CHECKPOINT).exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copy(start / CHECKPOINT, folder)
+    return train_policy(f"modular-{reward}", folder, settings, workers=1, progress=False)
 
 
 def mean_of_seeds(curves: Curves, policies: list[str], quantity: str) -> Runs:
@@ -95,20 +114,20 @@ def print_table(reward: str, areas: dict[str, Runs]) -> dict[str, float]:
 
 
 def draw(trained: dict[str, list[Variants]], path: str) -> None:
-    """Draw the reward of the training episodes over the frames: mean and range of the seeds."""
+    """Draw the discounted return of the training episodes over the frames: mean and range of the seeds."""
     fig, axes = plt.subplots(1, len(trained), figsize=(4.2 * len(trained), 3.2), layout="constrained", squeeze=False)
     for ax, (reward, seeds) in zip(axes[0], trained.items(), strict=True):
         for name, color in (("scratch", "#0072B2"), ("ppo", "#D55E00")):
-            rows = [read_meta(getattr(variants, name))["curve"] for variants in seeds]
+            rows = [read_meta(getattr(variants, name) / "policy")["curve"] for variants in seeds]
             count = min(map(len, rows))
             kernel = np.ones(min(SMOOTH, count)) / min(SMOOTH, count)
-            rewards = np.array([np.convolve([r["reward"] for r in part[:count]], kernel, "valid") for part in rows])
+            returns = np.array([np.convolve([r["return"] for r in part[:count]], kernel, "valid") for part in rows])
             frames = np.mean([[r["frames"] for r in part[:count]] for part in rows], axis=0)[len(kernel) - 1 :]
-            ax.plot(frames, rewards.mean(axis=0), color=color, label=TITLES[name])
-            ax.fill_between(frames, rewards.min(axis=0), rewards.max(axis=0), color=color, alpha=0.2, linewidth=0)
+            ax.plot(frames, returns.mean(axis=0), color=color, label=TITLES[name])
+            ax.fill_between(frames, returns.min(axis=0), returns.max(axis=0), color=color, alpha=0.2, linewidth=0)
         ax.set(title=f"modular-{reward}", xlabel="frames", ylim=(0, None))
         ax.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("reward per episode")
+    axes[0, 0].set_ylabel("discounted return")
     axes[0, 0].legend(frameon=False)
     fig.savefig(path, dpi=110)
 
@@ -122,7 +141,7 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=5, help="Start poses in each scene.")
     parser.add_argument("--steps", type=int, default=1500, help="Actions per episode of the evaluation.")
     parser.add_argument("--split", default="dev", choices=["dev", "val"])
-    parser.add_argument("--workers", type=int, default=2, help="Number of worker processes.")
+    parser.add_argument("--workers", type=int, default=2, help="Trainings or rollouts at a time.")
     parser.add_argument("--out", type=Path, default=Path("runs/policy_training"), help="Folder of all results.")
     parser.add_argument("--plot", default=None, help="File of the figure of the learning curves.")
     parser.add_argument("--quick", action="store_true", help="One reward, 4000 frames, one scene, 100 steps.")
@@ -133,13 +152,11 @@ def main() -> None:
         rewards, scenes, options.starts, options.steps, options.seeds = rewards[:1], scenes[:1], 1, 100, 1
         changes = {"frames": 4000, "environments": 4, "episode": 20, "rollout": 20, "batch": 40, "demonstrations": 2}
         options.out = Path(tempfile.mkdtemp())
-    trained = {
-        reward: [
-            train(reward, settings_of(f"modular-{reward}", seed=seed, **changes), options.out, options.workers)
-            for seed in range(options.seeds)
-        ]
+    settings = {
+        reward: [settings_of(f"modular-{reward}", seed=seed, **changes) for seed in range(options.seeds)]
         for reward in rewards
     }
+    trained = train(settings, options.out / "trainings", options.workers)
     names = {reward: [variants.policies() for variants in seeds] for reward, seeds in trained.items()}
     policies = sorted({policy for seeds in names.values() for part in seeds for policy in part.values()})
     curves = run_all(policies, scenes, options.starts, options.steps, options.out / "rollouts", options.workers)

@@ -59,8 +59,8 @@ def class_iou(confusion: np.ndarray) -> np.ndarray:
     return np.where(target > 0, 100 * hits / np.maximum(target + predicted - hits, 1), np.nan)
 
 
-def score_frames(name: str, segmenter: str, poses: int, total: SegmentationErrors) -> tuple[np.ndarray, float]:
-    """Segment the test views of a scene; return the confusion matrix and the seconds per frame."""
+def score_frames(name: str, segmenter: str, poses: int, total: SegmentationErrors) -> tuple[np.ndarray, float, float]:
+    """Segment the test views of a scene; return the confusion matrix and the seconds a frame, alone and in a batch."""
     sim = lab.Simulator.from_preset(lab.load_scene(name), SIZE)
     made, errors, seconds = make_segmenter(segmenter), SegmentationErrors(), []
     made.reset(np.random.default_rng(0))
@@ -71,10 +71,14 @@ def score_frames(name: str, segmenter: str, poses: int, total: SegmentationError
         start = time.perf_counter()
         found.append(made(frame.rgb, frame.depth, frame.semantics))
         seconds.append(time.perf_counter() - start)
+    batch = [np.stack([getattr(frame, kind) for frame in frames]) for kind in ("rgb", "depth", "semantics")]
+    start = time.perf_counter()
+    made(*batch)
+    in_batch = (time.perf_counter() - start) / len(frames)
     for labels, frame in zip(found, frames, strict=True):
         for counts in (errors, total):
             counts.add(labels, frame)
-    return errors.confusion, float(np.median(seconds))
+    return errors.confusion, float(np.median(seconds)), in_batch
 
 
 @dataclass(frozen=True)
@@ -204,19 +208,23 @@ def main() -> None:
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
     total = SegmentationErrors()
-    times: list[float] = []
+    times: list[tuple[float, float]] = []  # ms per frame, alone and in a batch
     runs: dict[str, list[float]] = {}
-    print(f"{'scene':<12}{'mIoU':>10}{'per-class':>12}{'precision':>12}{'recall':>10}{'ms/frame':>12}")
+    print(f"{'scene':<12}{'mIoU':>10}{'per-class':>12}{'precision':>12}{'recall':>10}{'ms/frame':>12}{'in batch':>12}")
     for name in names:
-        confusion, seconds = score_frames(name, options.semantics, 20 if options.quick else SIZE.test_poses, total)
+        confusion, *seconds = score_frames(name, options.semantics, 20 if options.quick else SIZE.test_poses, total)
         scores = class_scores(confusion)
         found = scores["miou"], scores["per_class_accuracy"], *object_precision_recall(confusion)
         values = [float("nan") if value is None else value for value in found]
-        runs[name], times = values, [*times, 1000 * seconds]
-        print(f"{name:<12}{values[0]:>10.1f}{values[1]:>12.1f}{values[2]:>12.1f}{values[3]:>10.1f}{times[-1]:>12.1f}")
+        runs[name], alone, in_batch = values, 1000 * seconds[0], 1000 * seconds[1]
+        times.append((alone, in_batch))
+        print(f"{name:<12}{values[0]:>10.1f}{values[1]:>12.1f}{values[2]:>12.1f}{values[3]:>10.1f}", end="")
+        print(f"{alone:>12.1f}{in_batch:>12.1f}")
     columns = [interval({name: [values[k]] for name, values in runs.items()}) for k in range(4)]
     print(f"{'mean':<12}" + "".join(f"{text(found):>14}" for found in columns))
-    result = {"frame_ms": round(float(np.median(times)), 2), "calibration_error": round(total.calibration_error, 4)}
+    alone, in_batch = np.median(times, axis=0)
+    result = {"frame_ms": round(float(alone), 2), "batch_frame_ms": round(float(in_batch), 2)}
+    result["calibration_error"] = round(total.calibration_error, 4)
     result |= dict(
         zip(("miou", "per_class_accuracy", "precision", "recall"), (round(c.mean, 2) for c in columns), strict=True)
     )
