@@ -17,7 +17,6 @@ from toy_scene import to_scene, two_rooms
 from autonerf_lab import cli
 from autonerf_lab.data.trajectory import load_trajectory
 from autonerf_lab.envs import ENVS
-from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.errors import DataError, RunFolderError, TrainingError, UnknownNameError
 from autonerf_lab.geometry import planar_pose
 from autonerf_lab.mapping import empty_map
@@ -26,7 +25,7 @@ from autonerf_lab.policies.interfaces import CompactInterface
 from autonerf_lab.policies.networks import RecurrentNetwork
 from autonerf_lab.policies.spec import SPECS, make_interface, make_network
 from autonerf_lab.policies.weights import load_weights, read_meta, save_weights
-from autonerf_lab.training import imitation, session, train
+from autonerf_lab.training import session, train
 from autonerf_lab.training.augmentation import SymmetryAugmentation
 from autonerf_lab.training.ppo import TimedBuffer
 from autonerf_lab.training.settings import PolicySettings, settings_of
@@ -237,31 +236,6 @@ def test_a_symmetry_transforms_observations_and_inverts_actions():
     assert len(kinds) >= 6
 
 
-def test_imitation_learns_actions_and_values_of_frontier(monkeypatch):
-    monkeypatch.setattr(imitation, "EPOCHS", 10)  # for a small number of decisions
-    monkeypatch.setattr(imitation, "BATCH", 8)
-    settings = replace(TINY, demonstrations=6, episode=20, sensor=32, scale=0.1)
-    interface, network = make_network(settings.network)
-    decisions = imitation.demonstrate(interface, settings, "cov")
-    assert decisions.returns[0] > 3 * decisions.returns[-1]  # most is found early in an episode
-    seen = {name: torch.from_numpy(values) for name, values in decisions.observations.items()}
-    actions = torch.from_numpy(decisions.actions)
-    assert (seen["reach"][:, 0].flatten(1).gather(1, actions[:, None]) > 0).all()  # all actions are reachable
-    assert not seen["reach"][:, 5].any()
-
-    def judge():
-        with torch.no_grad():
-            chances, value = network(seen)
-        error = ((value - torch.from_numpy(decisions.returns)) ** 2).mean().item()
-        return chances.log_prob(actions).mean().item(), error
-
-    chance, error = judge()
-    imitation.imitate(network, decisions, settings)
-    chance_after, error_after = judge()
-    assert chance_after > chance + 0.5
-    assert error_after < 0.5 * error
-
-
 def filled_buffer(kind, rewards, values, starts):
     space = gymnasium.spaces.Dict({"x": gymnasium.spaces.Box(0, 1, (1,))})
     buffer = kind(len(rewards), space, gymnasium.spaces.Discrete(2), gamma=0.9, gae_lambda=0.5, n_envs=1)
@@ -291,30 +265,6 @@ def test_the_discount_depends_on_the_duration():
 def test_end_to_end_policies_have_no_teacher():
     with pytest.raises(ValueError, match="e2e policies have no teacher"):
         settings_of("e2e-cov", demonstrations=3)
-
-
-@pytest.mark.parametrize("kind", [{"kind": "compact"}, {"kind": "paper", "window": 48}])
-def test_encoding_and_decoding_of_a_waypoint(kind):
-    interface, _ = make_network(kind)
-    env = ExploreEnv(scene="train-00", size=32, rgb=False, max_steps=30, window=round(12 / interface.cell))
-    env.reset(seed=1)
-    for action in [0, 1] * 15:
-        env.step(np.int64(action))
-    x, y = env.map.pose[:2, 3]
-    point = np.array([x + 0.3, y - 0.2])
-    again = interface.to_waypoint(interface.to_action(point, env.map), env.map)
-    np.testing.assert_allclose(again, point, atol=0.5)
-    np.testing.assert_allclose(interface.to_waypoint(interface.to_action(again, env.map), env.map), again, atol=1e-5)
-    if kind["kind"] == "compact":
-        assert interface.to_action(np.array([x + 40.0, y]), env.map) is None
-
-
-def test_imitation_alone_trains_and_has_no_frames(tmp_path):
-    settings = replace(TINY, demonstrations=1, frames=0)
-    path = train.train_policy("modular-cov", tmp_path, settings, workers=1, progress=False)
-    meta = read_meta(path)
-    assert meta["frames"] == 0 and meta["curve"] == []
-    assert weights_of(path)["score.weight"].any()  # zero before training
 
 
 def test_errors_of_weights(tmp_path):
