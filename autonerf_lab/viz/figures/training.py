@@ -4,15 +4,17 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
 
-from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE
+from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, SKY
 
 SMOOTH = 8  # points of the running mean; single episodes differ with the size of the apartment
 _LABELS = {
     "reward": ("reward per episode", BLUE),
+    "return": ("discounted return", GREEN),
     "explored_m2": ("explored area (m²)", ORANGE),
     "success": ("success (%)", ORANGE),
-    "spl": ("SPL (%)", GREEN),
+    "spl": ("SPL (%)", SKY),
 }
 
 
@@ -27,16 +29,17 @@ def running_mean(values: np.ndarray, width: int) -> np.ndarray:
 
 
 def learning_curve(curve: Sequence[dict[str, float]], title: str) -> Figure:
-    """Draw the reward of the training episodes, and explored area or success, over the number of frames.
+    """Draw reward and discounted return of the training episodes, and explored area or success, over the frames.
 
     Args:
         curve: rows of :func:`autonerf_lab.training.train_policy` with ``frames``, ``reward`` and other values.
         title: of the figure.
 
     Example:
-        >>> rows = [{"frames": 100.0 * k, "reward": float(k), "explored_m2": 2.0 * k} for k in range(20)]
+        >>> names = ("frames", "reward", "return", "explored_m2")
+        >>> rows = [dict.fromkeys(names, float(k)) for k in range(20)]
         >>> [ax.get_ylabel() for ax in learning_curve(rows, "modular-obs").axes]
-        ['reward per episode', 'explored area (m²)']
+        ['reward per episode', 'discounted return', 'explored area (m²)']
     """
     figure = Figure(figsize=(9, 2.8), layout="constrained")
     panels = [(key, label, color) for key, (label, color) in _LABELS.items() if key in curve[0]]
@@ -46,6 +49,7 @@ def learning_curve(curve: Sequence[dict[str, float]], title: str) -> Figure:
         if len(values) >= 2 * SMOOTH:
             ax.plot(frames[SMOOTH - 1 :], running_mean(values, SMOOTH), color=color)
         ax.set(xlabel="frames", ylabel=label)
+        ax.xaxis.set_major_formatter(EngFormatter(sep=""))
         ax.grid(alpha=0.3)
     figure.suptitle(title)
     return figure
