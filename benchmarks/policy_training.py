@@ -11,8 +11,8 @@ trained for. Differences are paired by scene and start, with 95 % intervals (Stu
 imitation minus imitation, PPO from scratch minus the untrained network, and either minus ``frontier``. With several
 seeds, the means of the seeds are compared.
 
-Trainings and rollouts are kept in ``--out``. The last line of the output is JSON; ``--plot`` draws the learning curves,
-with a band over the seeds.
+Trainings and rollouts are kept in ``--out``; ``--keep`` copies the weights and the results that a table needs. The last
+line of the output is JSON; ``--plot`` draws the learning curves, with a band over the seeds.
 """
 
 import argparse
@@ -30,6 +30,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from common.output import write_csv
 from common.training import set_threads
 from exploration import TRAINED_FOR, UNTRAINED, Curves, areas_of, run_all, verdict
 
@@ -132,6 +133,24 @@ def draw(trained: dict[str, list[Variants]], path: str) -> None:
     fig.savefig(path, dpi=110)
 
 
+def keep(trained: dict[str, list[Variants]], curves: Curves, folder: Path) -> None:
+    """Copy the weights, and write the area under each curve of each rollout to ``cells.csv``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rows: list[dict[str, Any]] = []
+    for reward, seeds in trained.items():
+        for seed, variants in enumerate(seeds):
+            for kind in KINDS:
+                for suffix in (".safetensors", ".json"):
+                    shutil.copy(getattr(variants, kind) / f"policy{suffix}", folder / f"{reward}-{seed}-{kind}{suffix}")
+            for name, policy in variants.policies().items():
+                areas = {quantity: areas_of(curve) for quantity, curve in curves[policy].items()}
+                for scene, starts in next(iter(areas.values())).items():
+                    for k in range(len(starts)):
+                        cell = {quantity: area[scene][k] for quantity, area in areas.items()}
+                        rows.append({"policy": f"{reward}-{seed}-{name}", "scene": scene, "start": k, **cell})
+    write_csv(folder / "cells.csv", rows)
+
+
 def main() -> None:
     """Train, evaluate and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -144,6 +163,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="Trainings or rollouts at a time.")
     parser.add_argument("--out", type=Path, default=Path("runs/policy_training"), help="Folder of all results.")
     parser.add_argument("--plot", default=None, help="File of the figure of the learning curves.")
+    parser.add_argument("--keep", type=Path, default=None, help="Folder for weights and the areas of every rollout.")
     parser.add_argument("--quick", action="store_true", help="One reward, 4000 frames, one scene, 100 steps.")
     options = parser.parse_args()
     rewards, scenes = options.rewards.split(","), scene_names(options.split)
@@ -165,6 +185,8 @@ def main() -> None:
         quantity = TRAINED_FOR[reward]
         areas = {name: mean_of_seeds(curves, [part[name] for part in seeds], quantity) for name in TITLES}
         found |= print_table(reward, areas)
+    if options.keep:
+        keep(trained, curves, options.keep)
     if options.plot:
         draw(trained, options.plot)
     print(json.dumps(found))
