@@ -312,9 +312,14 @@ def _nearest_to_centre(mask: np.ndarray, block: int) -> np.ndarray:
     return found
 
 
+def waypoint_reached(interface: PolicyInterface, waypoint: np.ndarray, map: MapState) -> bool:
+    """Return True if the robot is within ``interface.arrival`` of a waypoint."""
+    return float(np.linalg.norm(map.pose[:2, 3] - waypoint)) < interface.arrival
+
+
 def waypoint_finished(interface: PolicyInterface, waypoint: np.ndarray | None, map: MapState, steps: int) -> bool:
     """Return True if a waypoint that was followed for ``steps`` actions is reached or has used up its actions."""
-    reached = waypoint is not None and float(np.linalg.norm(map.pose[:2, 3] - waypoint)) < interface.arrival
+    reached = waypoint is not None and waypoint_reached(interface, waypoint, map)
     return steps > 0 and (reached or steps >= interface.follow)
 
 

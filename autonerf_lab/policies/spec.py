@@ -48,10 +48,7 @@ _MODULAR = PolicySpec(
     policy=lambda interface, network: Modular(interface, SymmetryAveraged(network)),
     teacher="frontier",
     settings={
-        "frames": 1_000_000,
         "demonstrations": 60,
-        "episode": 100,
-        "rollout": 100,
         "epochs": 3,
         "batch": 64,
         "lr": 1e-3,  # a larger one undoes the imitation in the first updates
@@ -73,7 +70,6 @@ _END_TO_END = PolicySpec(
     teacher=None,
     # Ramakrishnan et al. 2021, appendix, reduced for two CPU cores.
     settings={
-        "frames": 1_000_000,
         "demonstrations": 0,
         "environments": 8,
         "rollout": 256,

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from autonerf_lab.envs.explore import ExploreEnv
 from autonerf_lab.policies.frontier import Frontier
-from autonerf_lab.policies.interfaces import WINDOW_METRES, PolicyInterface, waypoint_finished
+from autonerf_lab.policies.interfaces import WINDOW_METRES, PolicyInterface, waypoint_finished, waypoint_reached
 from autonerf_lab.policies.spec import spec_of
 from autonerf_lab.policies.symmetry import SquareSymmetry
 from autonerf_lab.rewards import Reward
@@ -79,7 +79,7 @@ def demonstrate(
             waypoint = teacher.waypoint
             choice = None
             # While the teacher looks around at its waypoint, no action of the interface corresponds to what it does.
-            if waypoint is not None and np.linalg.norm(env.map.pose[:2, 3] - waypoint) >= interface.arrival:
+            if waypoint is not None and not waypoint_reached(interface, waypoint, env.map):
                 choice = interface.to_action(waypoint, env.map)
             rewards.append(0.0)
             steps = 0

@@ -186,7 +186,8 @@ class TrainingSession(BaseCallback):
         self._sums += rewards
         self._returns += self._discounts * rewards
         self._discounts *= self.settings.gamma**durations
-        self.frames += int(steps.sum())
+        taken = int(steps.sum())
+        self.frames += taken
         buffer = self.model.rollout_buffer
         if isinstance(buffer, TimedBuffer):
             buffer.durations[buffer.pos] = durations
@@ -194,7 +195,7 @@ class TrainingSession(BaseCallback):
         for k in np.flatnonzero(ends):
             self._ended.append(infos[k] | {"reward": self._sums[k], "return": self._returns[k]})
         self._begin(ends)
-        self._bar.update(int(steps.sum()))
+        self._bar.update(taken)
         return True
 
     def _add_row(self) -> None:

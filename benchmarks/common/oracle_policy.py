@@ -29,7 +29,7 @@ class OraclePolicy(Modular):
 
     def __init__(self, quantity: str, visible: MapState) -> None:
         self._quantity, self._visible = quantity, visible
-        super().__init__(CompactInterface(), torch.nn.Identity())  # for its timing; the network is not used
+        super().__init__(CompactInterface(follow=12), torch.nn.Identity())  # for its timing; the network is not used
 
     def reset(self, rng: np.random.Generator) -> None:
         """Start an episode."""
