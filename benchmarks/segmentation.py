@@ -60,7 +60,7 @@ def class_iou(confusion: np.ndarray) -> np.ndarray:
 
 
 def score_frames(name: str, segmenter: str, poses: int, total: SegmentationErrors) -> tuple[np.ndarray, float, float]:
-    """Segment the test views of a scene; return the confusion matrix and the seconds a frame, alone and in a batch."""
+    """Segment the test views of a scene; return the confusion matrix and the ms of a frame, alone and in a batch."""
     sim = lab.Simulator.from_preset(lab.load_scene(name), SIZE)
     made, errors, seconds = make_segmenter(segmenter), SegmentationErrors(), []
     made.reset(np.random.default_rng(0))
@@ -78,7 +78,7 @@ def score_frames(name: str, segmenter: str, poses: int, total: SegmentationError
     for labels, frame in zip(found, frames, strict=True):
         for counts in (errors, total):
             counts.add(labels, frame)
-    return errors.confusion, float(np.median(seconds)), in_batch
+    return errors.confusion, 1000 * float(np.median(seconds)), 1000 * in_batch
 
 
 @dataclass(frozen=True)
@@ -212,11 +212,13 @@ def main() -> None:
     runs: dict[str, list[float]] = {}
     print(f"{'scene':<12}{'mIoU':>10}{'per-class':>12}{'precision':>12}{'recall':>10}{'ms/frame':>12}{'in batch':>12}")
     for name in names:
-        confusion, *seconds = score_frames(name, options.semantics, 20 if options.quick else SIZE.test_poses, total)
+        confusion, alone, in_batch = score_frames(
+            name, options.semantics, 20 if options.quick else SIZE.test_poses, total
+        )
         scores = class_scores(confusion)
         found = scores["miou"], scores["per_class_accuracy"], *object_precision_recall(confusion)
         values = [float("nan") if value is None else value for value in found]
-        runs[name], alone, in_batch = values, 1000 * seconds[0], 1000 * seconds[1]
+        runs[name] = values
         times.append((alone, in_batch))
         print(f"{name:<12}{values[0]:>10.1f}{values[1]:>12.1f}{values[2]:>12.1f}{values[3]:>10.1f}", end="")
         print(f"{alone:>12.1f}{in_batch:>12.1f}")
