@@ -10,7 +10,7 @@ over scenes with 95 % intervals (Student's t on scene means). Each learned polic
 by scene and start, by the area under the curve of the quantity it was trained for. Baselines are its own untrained
 network, and frontier and random waypoints for policies with waypoints, random actions for the others. Curiosity,
 novelty and reconstruction are compared by explored area. Upper bounds are greedy oracles with ground truth
-(``omniscient area`` etc., one per quantity). Each rollout is saved as a JSON file under ``--cells``; an interrupted run
+(``oracle-cov`` etc., one per quantity). Each rollout is saved as a JSON file under ``--cells``; an interrupted run
 resumes there, and changed weights are evaluated again.
 
 Speed: duration of a recorded episode (128 x 128, supersampled), and training steps per second with 1 and 2 workers,
@@ -39,7 +39,6 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-from common.oracle_policy import OraclePolicy
 from common.training import in_fresh_process, set_threads
 
 from autonerf_lab.benchmark.statistics import Interval, Runs, difference, interval
@@ -56,7 +55,6 @@ from autonerf_lab.types import MapState
 from autonerf_lab.utils.storage import read_json, write_json
 
 UNTRAINED = "untrained "
-OMNISCIENT = {f"omniscient {quantity}": quantity for quantity in QUANTITIES.values()}
 TRAINED_FOR = {"cov": "area", "obs": "obstacles", "sem": "semantics", "view": "viewpoints"}
 STRIDE = 5  # steps between two points of a saved curve
 
@@ -77,7 +75,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="One scene, two policies, 200 steps, as a test.")
     options = parser.parse_args()
     learned = [name for name in POLICIES if name.startswith(("modular-", "e2e-"))]
-    policies = [*POLICIES, *(UNTRAINED + name for name in learned), *OMNISCIENT]
+    policies = [*POLICIES, *(UNTRAINED + name for name in learned)]
     scenes = scene_names(options.split)
     if options.policies:
         policies = options.policies.split(",")
@@ -85,8 +83,7 @@ def main() -> None:
         scenes, policies, options.steps, options.starts = scenes[:1], ["random", "frontier"], 200, 1
         options.cells = Path(tempfile.mkdtemp())
     for name in policies:
-        if name not in OMNISCIENT:
-            make(name)  # an unknown name fails here
+        make(name)  # an unknown name fails here
     curves = run_all(policies, scenes, options.starts, options.steps, options.cells, options.workers)
     print_curves(curves, options.steps)
     print_differences(curves)
@@ -124,8 +121,7 @@ def run_one(policy: str, scene: str, start: int, steps: int, cells: str) -> dict
     if path.exists() and (saved := read_json(path, dict[str, Any]))["identity"] == fingerprint:
         return saved
     sim, visible = scene_with_visible_map(scene, cells)
-    chosen = OraclePolicy(OMNISCIENT[policy], visible) if policy in OMNISCIENT else make(policy)
-    trajectory = explore(sim, chosen, steps, start, progress=False)
+    trajectory = explore(sim, make(policy), steps, start, progress=False)
     shares = {
         name: curve[STRIDE - 1 :: STRIDE].round(3).tolist()
         for name, curve in coverage(sim, trajectory, visible).items()
@@ -198,7 +194,7 @@ def verdict(change: Interval) -> str:
 def draw(curves: Curves, path: str, title: str) -> None:
     """Draw one panel per quantity and one line per policy, with a band from the worst to the best scene."""
     fig, axes = plt.subplots(1, len(QUANTITIES), figsize=(14, 4), sharey=True, layout="constrained")
-    shown = [policy for policy in curves if not policy.startswith(UNTRAINED) and policy not in OMNISCIENT]
+    shown = [policy for policy in curves if not policy.startswith((UNTRAINED, "oracle-"))]
     colors = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
     for ax, quantity in zip(axes, QUANTITIES.values(), strict=True):
         for policy, color in zip(shown, colors, strict=False):

@@ -20,6 +20,7 @@ SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed in the 
 OURS = "modular-obs"  # policy of the paper in experiments that do not compare policies
 _CORRECTED = "bold: p < 5 % after Holm's correction over the differences of the table"
 REFERENCES = ("frontier-classic", "frontier", "random")
+_BOUNDS = "oracle-"  # policies that know the scene: not compared with the others
 
 
 def table(name: str, found: ResultsTable) -> Table:
@@ -72,7 +73,8 @@ def _means(
     header = [""]
     for metric in metrics:
         header += [metric.heading, "paper"] if metric in published else [metric.heading]
-    best = {metric: found.best(metric, [row for row, _ in rows]) for metric in metrics}
+    compared = [row for row, _ in rows if not row[0].startswith(_BOUNDS)]
+    best = {metric: found.best(metric, compared) for metric in metrics}
     lines = []
     for row, text in rows:
         line = [Entry(text)]
@@ -135,11 +137,12 @@ def _variants(found: ResultsTable) -> Table:
 
 def _differences(found: ResultsTable) -> Table:
     several = len({model for _, model in found.rows}) > 1
+    rows = [row for row in found.rows if row[0] != "random" and not row[0].startswith(_BOUNDS)]
     pairs = [
         (row, (reference, row[1]))
         for reference in (*REFERENCES, *dict.fromkeys(policy for policy, _ in found.rows if policy.startswith("e2e-")))
-        for row in found.rows
-        if row[0] not in ("random", reference) and (reference in REFERENCES or row[0].startswith("modular-"))
+        for row in rows
+        if row[0] != reference and (reference in REFERENCES or row[0].startswith("modular-"))
     ]
     pairs = [(row, other) for row, other in pairs if other in found.episodes]
     texts = [(row, other, f"{row[0]} − {other[0]}" + several * f", {row[1]}") for row, other in pairs]

@@ -7,9 +7,9 @@ import numpy as np
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
-from autonerf_lab.evaluators.coverage import area_under, coverage, visible_map
+from autonerf_lab.evaluators.coverage import area_under, coverage
 from autonerf_lab.evaluators.metrics import METRICS, metrics_of
-from autonerf_lab.exploration import MAP_SIZE
+from autonerf_lab.exploration import MAP_SIZE, visible_map
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import Mapper, empty_map, enlarged
 from autonerf_lab.presets import Preset

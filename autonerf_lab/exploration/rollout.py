@@ -9,10 +9,11 @@ from tqdm import tqdm
 from autonerf_lab.data.pose_sources import check_source
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import PolicyError
+from autonerf_lab.exploration.visibility import visible_map
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.localization import OdometryModel, PoseEstimator
 from autonerf_lab.mapping import Mapper, empty_map
-from autonerf_lab.policies import Policy, make_policy
+from autonerf_lab.policies import Policy, PrivilegedPolicy, make_policy
 from autonerf_lab.segmentation import TRUE
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action, Observation, read_only
@@ -78,6 +79,8 @@ def explore(
     chosen = make_policy(policy)
     with named_errors(f"policy {name!r}", "in reset", PolicyError):
         chosen.reset(np.random.default_rng([seed, _POLICY_STREAM]))
+        if isinstance(chosen, PrivilegedPolicy):
+            chosen.set_visible_map(visible_map(sim))
     observation = sim.reset(seed=seed, pose=pose)
     estimator = PoseEstimator(sim.intrinsics, OdometryModel.from_noise(sim.noise)) if poses == "estimated" else None
     if estimator is not None:

@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from autonerf_lab.errors import DataError, UnknownNameError, WrongTypeError
-from autonerf_lab.policies.base import Policy
+from autonerf_lab.policies.base import Policy, PrivilegedPolicy
 from autonerf_lab.policies.conformance import check_members, check_policy
 from autonerf_lab.policies.frontier import Frontier
 from autonerf_lab.policies.frontier_classic import FrontierClassic
+from autonerf_lab.policies.oracle import COUNTED, Oracle
 from autonerf_lab.policies.random_policies import RandomActions, RandomWaypoints
 from autonerf_lab.utils.plugins import load_plugins, with_members
 
@@ -74,6 +75,7 @@ POLICIES: dict[str, Callable[[], Policy]] = {
     "frontier": Frontier,
     "frontier-classic": FrontierClassic,
     **{path.stem: partial(load_policy, path) for path in sorted(WEIGHTS.glob("*.safetensors"))},
+    **{f"oracle-{reward}": partial(Oracle, reward) for reward in COUNTED},
 }
 
 
@@ -143,7 +145,9 @@ __all__ = [
     "WEIGHTS",
     "Frontier",
     "FrontierClassic",
+    "Oracle",
     "Policy",
+    "PrivilegedPolicy",
     "RandomActions",
     "RandomWaypoints",
     "available",

@@ -29,3 +29,11 @@ class Policy(Protocol):
                 steps: copy to keep.
             observation: last observation. Read-only.
         """
+
+
+@runtime_checkable
+class PrivilegedPolicy(Policy, Protocol):
+    """Policy that also gets ground truth, the complete map of the scene: an upper bound, not a competitor."""
+
+    def set_visible_map(self, map: MapState) -> None:
+        """Receive the map of all that is visible from navigable positions; called after ``reset``."""

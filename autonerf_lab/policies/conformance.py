@@ -9,7 +9,7 @@ import numpy as np
 
 from autonerf_lab.geometry import AGENT_RADIUS, FORWARD_STEP, TURN_ANGLE, Intrinsics, planar_pose
 from autonerf_lab.mapping import empty_map, update
-from autonerf_lab.policies.base import Policy
+from autonerf_lab.policies.base import Policy, PrivilegedPolicy
 from autonerf_lab.types import Action, MapState, Observation
 from autonerf_lab.utils.plugins import require
 
@@ -96,6 +96,11 @@ def _rollout(policy: Policy, steps: int, seed: int) -> list[int]:
     room = EmptyRoom()
     policy.reset(np.random.default_rng(seed))
     state = empty_map(room.observe().pose, _MAP_SIZE)
+    if isinstance(policy, PrivilegedPolicy):
+        complete = state
+        for turn in range(8):
+            complete = update(complete, EmptyRoom(heading=turn * np.pi / 4).observe(), _CAMERA)
+        policy.set_visible_map(complete)
     actions: list[int] = []
     for _ in range(steps):
         observation = room.observe()

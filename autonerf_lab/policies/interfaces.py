@@ -31,12 +31,17 @@ WINDOW_METRES = 12.0  # side of the window of the map around the robot
 MAP_WINDOWS = 3  # side of the whole map, in windows: an apartment is at most half as long
 
 
-class PolicyInterface(Protocol):
+class WaypointTiming(Protocol):
+    """When a waypoint ends."""
+
+    follow: int  # maximum number of actions of the local policy per waypoint
+    arrival: float  # metres; a waypoint at this distance counts as reached. 0: only ``follow`` ends a waypoint
+
+
+class PolicyInterface(WaypointTiming, Protocol):
     """Observations and actions of a global policy."""
 
     cell: float  # metres, cell of the maps that it is trained on; finer maps are pooled
-    follow: int  # maximum number of actions of the local policy per waypoint
-    arrival: float  # metres; a waypoint at this distance counts as reached. 0: only ``follow`` ends a waypoint
     initial_turns: int  # left turns at the start position before the first waypoint
     observation_space: spaces.Dict
     action_space: spaces.Space[Any]
@@ -312,15 +317,15 @@ def _nearest_to_centre(mask: np.ndarray, block: int) -> np.ndarray:
     return found
 
 
-def waypoint_reached(interface: PolicyInterface, waypoint: np.ndarray, map: MapState) -> bool:
-    """Return True if the robot is within ``interface.arrival`` of a waypoint."""
-    return float(np.linalg.norm(map.pose[:2, 3] - waypoint)) < interface.arrival
+def waypoint_reached(timing: WaypointTiming, waypoint: np.ndarray, map: MapState) -> bool:
+    """Return True if the robot is within ``timing.arrival`` of a waypoint."""
+    return float(np.linalg.norm(map.pose[:2, 3] - waypoint)) < timing.arrival
 
 
-def waypoint_finished(interface: PolicyInterface, waypoint: np.ndarray | None, map: MapState, steps: int) -> bool:
+def waypoint_finished(timing: WaypointTiming, waypoint: np.ndarray | None, map: MapState, steps: int) -> bool:
     """Return True if a waypoint that was followed for ``steps`` actions is reached or has used up its actions."""
-    reached = waypoint is not None and waypoint_reached(interface, waypoint, map)
-    return steps > 0 and (reached or steps >= interface.follow)
+    reached = waypoint is not None and waypoint_reached(timing, waypoint, map)
+    return steps > 0 and (reached or steps >= timing.follow)
 
 
 def window_slices(map: MapState, window: int) -> tuple[slice, slice]:

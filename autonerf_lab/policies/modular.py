@@ -3,13 +3,13 @@
 import numpy as np
 import torch
 
-from autonerf_lab.planning.local_policy import LocalPolicy
-from autonerf_lab.policies.interfaces import PolicyInterface, waypoint_finished
+from autonerf_lab.policies.interfaces import PolicyInterface
 from autonerf_lab.policies.networks import batched, sample_action
-from autonerf_lab.types import Action, MapState, Observation
+from autonerf_lab.policies.waypoints import WaypointPolicy
+from autonerf_lab.types import MapState
 
 
-class Modular:
+class Modular(WaypointPolicy):
     """Policy that samples a waypoint from a network every few steps (25 in the paper) and follows it by fast marching.
 
     Before the first waypoint it makes the initial turns of the interface.
@@ -26,6 +26,7 @@ class Modular:
         >>> pose = planar_pose(0, 0, 0)
         >>> policy = Modular(CompactInterface(), CompactNetwork())
         >>> policy.reset(np.random.default_rng(0))
+        >>> from autonerf_lab.types import Observation
         >>> observation = Observation(np.zeros((1, 1, 3)), np.zeros((1, 1)), np.zeros((1, 1)), pose)
         >>> policy.act(empty_map(pose), observation) in (0, 1, 2)
         True
@@ -33,28 +34,17 @@ class Modular:
 
     def __init__(self, interface: PolicyInterface, network: torch.nn.Module) -> None:
         self.interface, self.network = interface, network.eval()
+        self.follow, self.arrival = interface.follow, interface.arrival
+        self.initial_turns = interface.initial_turns
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode."""
-        self._rng = rng
+        super().reset(rng)
         self.interface.reset()
-        self._local = LocalPolicy()
-        self._age, self._turns = 0, self.interface.initial_turns
-        self.waypoint: np.ndarray | None = None
 
-    def act(self, map: MapState, observation: Observation) -> int:
-        """Return the next action towards the waypoint."""
-        if self._turns:
-            self._turns -= 1
-            return Action.TURN_LEFT
-        if self.waypoint is None or waypoint_finished(self.interface, self.waypoint, map, self._age):
-            self.waypoint = self._choose(map)
-            self._age = 0
-        self._age += 1
-        return self._local.act(map, self.waypoint)
-
-    def _choose(self, map: MapState) -> np.ndarray:
+    def choose(self, map: MapState) -> np.ndarray:
+        """Sample a waypoint from the network."""
         with torch.inference_mode():
             action = sample_action(self.network(batched([self.interface.observe(map)]))[0], self._rng)
         return self.interface.to_waypoint(action, map)

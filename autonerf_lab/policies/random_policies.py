@@ -3,8 +3,8 @@
 import numpy as np
 
 from autonerf_lab.geometry import cell_to_world
-from autonerf_lab.planning.local_policy import LocalPolicy
 from autonerf_lab.policies.interfaces import FOLLOW_STEPS
+from autonerf_lab.policies.waypoints import WaypointPolicy
 from autonerf_lab.types import Action, MapState, Observation
 
 _WINDOW = 240  # cells a side of the window around the robot, as in the paper
@@ -24,27 +24,14 @@ class RandomActions:
         return int(self._rng.integers(len(Action)))
 
 
-class RandomWaypoints:
+class RandomWaypoints(WaypointPolicy):
     """Baseline that follows random waypoints: a new one every 25 steps, uniform in the window around the robot."""
 
-    waypoint: np.ndarray | None = None
+    follow, arrival = FOLLOW_STEPS, 0.0
 
-    def reset(self, rng: np.random.Generator) -> None:
-        """Begin an episode."""
-        self._rng = rng
-        self._local = LocalPolicy()
-        self._age = 0
-        self.waypoint = None
-
-    def act(self, map: MapState, observation: Observation) -> int:
-        """Return the next action towards the waypoint."""
-        if self.waypoint is None or self._age >= FOLLOW_STEPS:
-            # The window is shifted to stay inside the map.
-            size = len(map.explored)
-            half = min(_WINDOW, size) // 2
-            centre = np.clip((map.pose[:2, 3] - map.origin) // map.cell, half, size - half)
-            cell = centre[::-1] + self._rng.uniform(-half, half, 2)
-            self.waypoint = cell_to_world(cell, map.origin, map.cell)
-            self._age = 0
-        self._age += 1
-        return self._local.act(map, self.waypoint)
+    def choose(self, map: MapState) -> np.ndarray:
+        """Sample a cell of the window, which is shifted to stay inside the map."""
+        size = len(map.explored)
+        half = min(_WINDOW, size) // 2
+        centre = np.clip((map.pose[:2, 3] - map.origin) // map.cell, half, size - half)
+        return cell_to_world(centre[::-1] + self._rng.uniform(-half, half, 2), map.origin, map.cell)

@@ -102,6 +102,14 @@ def test_differences_are_paired(tmp_path):
     assert made["mIoU [%]"].text == "–"
 
 
+def test_an_oracle_is_no_competitor(tmp_path):
+    grid = replace(GRID, policies=("frontier", "modular-obs", "oracle-obs"))
+    values = {"frontier": [10.0, 20.0, 30.0], "modular-obs": [11.0, 21.1, 31.0], "oracle-obs": [50.0, 50.0, 50.0]}
+    found = load_results_table(folder(tmp_path, values, grid))
+    assert [row[1].bold for row in table("rendering", found).rows] == [False, True, False]
+    assert [row[0].text for row in table("differences", found).rows] == ["modular-obs − frontier"]
+
+
 def test_variants_are_compared_with_each_other_only_and_paired(tmp_path):
     grid = Grid(("frontier", "modular-obs"), GRID.scenes, 1, (MODEL, "instant-ngp"), "smoke")
     results = Results(tmp_path, grid)

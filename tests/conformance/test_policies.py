@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from toy_scene import empty_room, two_rooms
 
-from autonerf_lab.exploration import explore
+from autonerf_lab.exploration import explore, visible_map
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.mapping import empty_map, update
-from autonerf_lab.policies import POLICIES, check_policy, make_policy
+from autonerf_lab.policies import POLICIES, PrivilegedPolicy, check_policy, make_policy
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action
 
@@ -31,6 +31,8 @@ def test_every_policy_conforms_on_a_rollout(name, sim):
     rollouts = []
     for _ in range(2):
         policy.reset(np.random.default_rng(3))
+        if isinstance(policy, PrivilegedPolicy):
+            policy.set_visible_map(visible_map(sim, 100))
         observation = sim.reset(seed=1)
         state = empty_map(observation.pose)
         actions = []

@@ -9,7 +9,8 @@ import pytest
 import toy_scene
 
 from autonerf_lab.data.trajectory import Trajectory
-from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage, visible_map
+from autonerf_lab.evaluators.coverage import QUANTITIES, area_under, coverage
+from autonerf_lab.exploration import visible_map
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.mapping import update
 from autonerf_lab.simulator import Simulator

@@ -1,13 +1,13 @@
-"""The baseline of exploration from above, which knows what there is to find."""
+"""The oracles of exploration, which know what there is to find."""
 
 import numpy as np
 import pytest
-from common.oracle_policy import OraclePolicy, visible_gain
 
-from autonerf_lab.evaluators.coverage import visible_map
+from autonerf_lab.errors import PolicyError
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.mapping import empty_map
+from autonerf_lab.policies.oracle import Oracle, visible_gain
 from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
 
@@ -32,15 +32,24 @@ def test_the_truth_lies_where_it_is_on_a_coarser_map_too():
     there, map = empty_map(pose, 8, 0.05), empty_map(pose, 6, 0.1)  # the robot's reaches 10 cm further on each side
     there.occupied[5, 2] = there.occupied[0, 7] = True
     map.occupied[1, 4] = True  # which is that of the first row
-    walls, missing = OraclePolicy("obstacles", there)._truth(map)
+    oracle = Oracle("obs")
+    oracle.set_visible_map(there)
+    walls, missing = oracle._truth(map)
     assert np.argwhere(missing[0]).tolist() == [[3, 2]]
     inside = np.zeros((6, 6), bool)
     inside[1:5, 1:5] = True
     assert np.argwhere(walls & inside).tolist() == [[1, 4], [3, 2]] and walls[~inside].all()
 
 
-@pytest.mark.parametrize("quantity", ["area", "obstacles", "semantics", "viewpoints"])
-def test_it_walks_and_finds(quantity):
+@pytest.mark.parametrize("reward", ["cov", "obs", "sem", "view"])
+def test_it_walks_and_finds(reward):
     sim = Simulator(load_scene("dev-0"), Intrinsics.from_fov(32, 32), rgb=False)
-    walk = explore(sim, OraclePolicy(quantity, visible_map(sim, 100)), 60, progress=False)
+    walk = explore(sim, f"oracle-{reward}", 60, progress=False)
     assert walk.meta["path_m"][-1] > 2 and walk.meta["explored_m2"][-1] > walk.meta["explored_m2"][10] > 0
+
+
+def test_it_refuses_to_act_without_the_map_of_the_scene():
+    oracle, map = Oracle("obs"), empty_map(planar_pose(0, 0, 0))
+    map.explored[:] = True
+    with pytest.raises(PolicyError, match="set_visible_map"):
+        oracle.choose(map)
