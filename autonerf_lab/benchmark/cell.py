@@ -30,6 +30,7 @@ FIGURES = {
     "drift": ("explore", "drift"),  # only with noise
 }
 FIGURE_WIDTH = 900  # pixels
+_NAMED_BY_REWARD = ("modular", "e2e", "oracle")  # families of policies
 
 
 def run_cell(cell: Cell, out: Path, save_run: bool = False, lpips: str | None = None, device: str | None = None) -> str:
@@ -114,9 +115,20 @@ def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str 
 def _labelled(row: Score, cell: Cell) -> Score:
     policy = label(cell.policy)
     return replace(
-        row, scene=label(cell.scene), start=cell.start, policy=policy, reward=policy.partition("-")[2],
+        row, scene=label(cell.scene), start=cell.start, policy=policy, reward=reward_of(policy),
         model=cell.model, preset=cell.preset, seed=cell.start,
     )  # fmt: skip
+
+
+def reward_of(policy: str) -> str:
+    """Return the reward that a policy is named by; empty for other names.
+
+    Example:
+        >>> reward_of("modular-obs"), reward_of("oracle-view"), reward_of("frontier-classic")
+        ('obs', 'view', '')
+    """
+    family, _, reward = policy.partition("-")
+    return reward if family in _NAMED_BY_REWARD else ""
 
 
 def _shrink(source: Path, target: Path) -> None:
