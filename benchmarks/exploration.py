@@ -39,6 +39,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from common.output import write_csv
 from common.training import in_fresh_process, set_threads
 
 from autonerf_lab.benchmark.statistics import Interval, Runs, difference, interval
@@ -71,6 +72,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="Number of worker processes.")
     parser.add_argument("--cells", type=Path, default=Path("runs/exploration"), help="Folder of the saved rollouts.")
     parser.add_argument("--plot", default=None, help="File of the figure.")
+    parser.add_argument("--keep", type=Path, default=None, help="CSV file of the areas of each rollout.")
     parser.add_argument("--no-speed", action="store_true", help="Skip the speed measurements.")
     parser.add_argument("--quick", action="store_true", help="One scene, two policies, 200 steps, as a test.")
     options = parser.parse_args()
@@ -87,6 +89,8 @@ def main() -> None:
     curves = run_all(policies, scenes, options.starts, options.steps, options.cells, options.workers)
     print_curves(curves, options.steps)
     print_differences(curves)
+    if options.keep:
+        write_csv(options.keep, area_rows(curves))
     if options.plot:
         draw(curves, options.plot, f"{len(scenes)} {options.split} scenes, {options.starts} starts each")
     figures = dict.fromkeys(("modular_steps_per_s", "e2e_steps_per_s", "episode_s"))
@@ -159,6 +163,17 @@ def hash_of(policy: str) -> str | None:
 def areas_of(by_scene: dict[str, list[np.ndarray]]) -> Runs:
     """Compute the area under each curve."""
     return {scene: [area_under(curve) for curve in curves] for scene, curves in by_scene.items()}
+
+
+def area_rows(curves: Curves) -> list[dict[str, Any]]:
+    """Return the areas under the curves of every rollout, a row each."""
+    return [
+        {"policy": policy, "scene": scene, "start": start}
+        | {quantity: area_under(runs[scene][start]) for quantity, runs in by_quantity.items()}
+        for policy, by_quantity in curves.items()
+        for scene, starts in next(iter(by_quantity.values())).items()
+        for start in range(len(starts))
+    ]
 
 
 def print_curves(curves: Curves, steps: int) -> None:

@@ -32,7 +32,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from common.output import write_csv
 from common.training import set_threads
-from exploration import TRAINED_FOR, UNTRAINED, Curves, areas_of, run_all, verdict
+from exploration import TRAINED_FOR, UNTRAINED, Curves, area_rows, areas_of, run_all, verdict
+from scipy.ndimage import uniform_filter1d
 
 from autonerf_lab.benchmark.statistics import Runs, difference, interval
 from autonerf_lab.policies.weights import read_meta
@@ -115,18 +116,19 @@ def print_table(reward: str, areas: dict[str, Runs]) -> dict[str, float]:
 
 
 def draw(trained: dict[str, list[Variants]], path: str) -> None:
-    """Draw the discounted return of the training episodes over the frames: mean and range of the seeds."""
+    """Draw the discounted return over the frames: each update, and the running mean with the range of the seeds."""
     fig, axes = plt.subplots(1, len(trained), figsize=(4.2 * len(trained), 3.2), layout="constrained", squeeze=False)
     for ax, (reward, seeds) in zip(axes[0], trained.items(), strict=True):
         for name, color in (("scratch", "#0072B2"), ("ppo", "#D55E00")):
             rows = [read_meta(getattr(variants, name) / "policy")["curve"] for variants in seeds]
             count = min(map(len, rows))
-            kernel = np.ones(min(SMOOTH, count)) / min(SMOOTH, count)
-            returns = np.array([np.convolve([r["return"] for r in part[:count]], kernel, "valid") for part in rows])
-            frames = np.mean([[r["frames"] for r in part[:count]] for part in rows], axis=0)[len(kernel) - 1 :]
-            ax.plot(frames, returns.mean(axis=0), color=color, label=TITLES[name])
-            ax.fill_between(frames, returns.min(axis=0), returns.max(axis=0), color=color, alpha=0.2, linewidth=0)
-        ax.set(title=f"modular-{reward}", xlabel="frames", ylim=(0, None))
+            frames = np.mean([[r["frames"] for r in part[:count]] for part in rows], axis=0)
+            returns = np.array([[r["return"] for r in part[:count]] for part in rows])
+            smooth = uniform_filter1d(returns, SMOOTH, axis=1)
+            ax.plot(frames, returns.mean(axis=0), ".", color=color, alpha=0.4)
+            ax.plot(frames, smooth.mean(axis=0), color=color, label=TITLES[name])
+            ax.fill_between(frames, smooth.min(axis=0), smooth.max(axis=0), color=color, alpha=0.2, linewidth=0)
+        ax.set(title=f"modular-{reward}", xlabel="frames")
         ax.grid(alpha=0.3)
     axes[0, 0].set_ylabel("discounted return")
     axes[0, 0].legend(frameon=False)
@@ -142,12 +144,8 @@ def keep(trained: dict[str, list[Variants]], curves: Curves, folder: Path) -> No
             for kind in KINDS:
                 for suffix in (".safetensors", ".json"):
                     shutil.copy(getattr(variants, kind) / f"policy{suffix}", folder / f"{reward}-{seed}-{kind}{suffix}")
-            for name, policy in variants.policies().items():
-                areas = {quantity: areas_of(curve) for quantity, curve in curves[policy].items()}
-                for scene, starts in next(iter(areas.values())).items():
-                    for k in range(len(starts)):
-                        cell = {quantity: area[scene][k] for quantity, area in areas.items()}
-                        rows.append({"policy": f"{reward}-{seed}-{name}", "scene": scene, "start": k, **cell})
+            names = {f"{reward}-{seed}-{name}": policy for name, policy in variants.policies().items()}
+            rows += area_rows({name: curves[policy] for name, policy in names.items()})
     write_csv(folder / "cells.csv", rows)
 
 
