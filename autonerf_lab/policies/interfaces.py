@@ -32,7 +32,7 @@ MAP_WINDOWS = 3  # side of the whole map, in windows: an apartment is at most ha
 
 
 class WaypointTiming(Protocol):
-    """When a waypoint ends."""
+    """Conditions that end a waypoint."""
 
     follow: int  # maximum number of actions of the local policy per waypoint
     arrival: float  # metres; a waypoint at this distance counts as reached. 0: only ``follow`` ends a waypoint
