@@ -18,7 +18,7 @@ def coverage(sim: Simulator, trajectory: Trajectory, visible: MapState) -> dict[
     Args:
         sim: simulator of the scene; it renders depth again, from the true poses of the trajectory.
         trajectory: T images.
-        visible: result of :func:`visible_map` with the same simulator.
+        visible: result of :func:`~autonerf_lab.exploration.visible_map` with the same simulator.
 
     Returns:
         ``area``, ``obstacles``, ``semantics`` and ``viewpoints``: (T,) percent each, non-decreasing. If the visible map

@@ -43,7 +43,8 @@ def explore(
 
     Args:
         sim: simulator with the scene, the camera and the noise.
-        policy: name or path for :func:`autonerf_lab.policies.make_policy`, or a policy.
+        policy: name or path for :func:`autonerf_lab.policies.make_policy`, or a policy. A privileged one also gets the
+            complete map of the scene.
         steps: number of actions and of recorded frames.
         seed: random seed of the start pose, the noise and the policy.
         progress: show a progress bar.
@@ -79,8 +80,10 @@ def explore(
     chosen = make_policy(policy)
     with named_errors(f"policy {name!r}", "in reset", PolicyError):
         chosen.reset(np.random.default_rng([seed, _POLICY_STREAM]))
-        if isinstance(chosen, PrivilegedPolicy):
-            chosen.set_visible_map(visible_map(sim))
+    if isinstance(chosen, PrivilegedPolicy):
+        visible = visible_map(sim)  # an error here is not one of the policy
+        with named_errors(f"policy {name!r}", "in set_visible_map", PolicyError):
+            chosen.set_visible_map(visible)
     observation = sim.reset(seed=seed, pose=pose)
     estimator = PoseEstimator(sim.intrinsics, OdometryModel.from_noise(sim.noise)) if poses == "estimated" else None
     if estimator is not None:
