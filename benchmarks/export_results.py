@@ -54,7 +54,7 @@ def main() -> None:
     (arguments.out / "cells").mkdir(parents=True, exist_ok=True)
     for name in ["grid.json", *(f"cells/{cell.name}.json" for cell in results.grid.cells())]:
         shutil.copyfile(results.path / name, arguments.out / name)
-    for file in export_results(load_results(arguments.out)):
+    for file in export_results(found, arguments.out):
         if file.name == NOT_EXPORTED:
             file.unlink()
     scores_over_policies(found).savefig(arguments.out / "scores.png", dpi=70)

@@ -1,4 +1,4 @@
-"""Export of a results folder: scores as CSV and Parquet, tables as Markdown, LaTeX and HTML."""
+"""Export of results: scores as CSV and Parquet, tables as Markdown, LaTeX and HTML."""
 
 import io
 from importlib.util import find_spec
@@ -7,24 +7,26 @@ from pathlib import Path
 import pandas as pd
 
 from autonerf_lab.benchmark.paper_tables import all_tables
-from autonerf_lab.benchmark.results import Results
-from autonerf_lab.benchmark.results_table import ResultsTable, load_results_table, scores_frame
+from autonerf_lab.benchmark.results_table import ResultsTable, scores_frame
 from autonerf_lab.benchmark.text_table import escaped
 from autonerf_lab.utils import storage
 
 TIMES = "seconds"  # the only column of scores.csv that is not reproducible
 
 
-def export_results(results: Results) -> list[Path]:
+def export_results(found: ResultsTable, out: Path) -> list[Path]:
     """Write ``scores.csv``, ``scores.parquet`` (needs pyarrow), ``tables.md``, ``tables.tex`` and ``tables.html``.
+
+    Args:
+        found: Results of one or several folders.
+        out: Output folder.
 
     Returns:
         Paths of the files.
 
     Raises:
-        DataError: A cell is damaged, or the disk is full.
+        DataError: The disk is full, or the folder is not writable.
     """
-    found = load_results_table(results)
     rows = scores_frame(found.outcomes)
     tables = all_tables(found)
     heading = escaped(summary(found))
@@ -37,8 +39,8 @@ def export_results(results: Results) -> list[Path]:
     if find_spec("pyarrow") is not None:
         files["scores.parquet"] = _parquet(rows)
     for name, data in files.items():
-        storage.write_bytes(results.path / name, data)
-    return [results.path / name for name in files]
+        storage.write_bytes(out / name, data)
+    return [out / name for name in files]
 
 
 def headline(found: ResultsTable) -> str:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from autonerf_lab import __version__
 from autonerf_lab.benchmark.card import card
 from autonerf_lab.benchmark.cell import FIGURES
-from autonerf_lab.benchmark.export import headline
+from autonerf_lab.benchmark.export import export_results, headline
 from autonerf_lab.benchmark.figures import cell_curves, coverage_curves, scores_over_policies
 from autonerf_lab.benchmark.leaderboard import leaderboard, title
 from autonerf_lab.benchmark.paper import HEADLINES, PSNR
@@ -41,7 +41,7 @@ def write_report(folders: Sequence[Results], out: str | Path) -> Path:
     Args:
         folders: Results without common cells, shown in the same tables.
         out: Output folder: ``index.html`` (leaderboard, tables, figures), ``cells/`` (a page per cell), ``cards/`` (a
-            card per policy and model).
+            card per policy and model), and the files of :func:`.export_results`.
 
     Returns:
         Path of ``index.html``.
@@ -55,6 +55,7 @@ def write_report(folders: Sequence[Results], out: str | Path) -> Path:
         storage.write_bytes(out / _page(outcome), _cell(outcome, folders).encode())
     for row in found.rows:
         storage.write_bytes(out / _card(title("", row)), card(found, row, folders).encode())
+    export_results(found, out)
     storage.write_bytes(out / "index.html", _index(found, folders).encode())
     return out / "index.html"
 

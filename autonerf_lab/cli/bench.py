@@ -108,8 +108,9 @@ class BenchRunCommand:
             grid, self.out, self.workers, self.scheduler, self.timeout, self.memory_gb, retry, self.save_runs,
             lpips=self.lpips.lpips_weights, device=self.device,
         )  # fmt: skip
-        print(f"\n{summary(load_results_table(results))}")
-        for path in export_results(results):
+        found = load_results_table(results)
+        print(f"\n{summary(found)}")
+        for path in export_results(found, results.path):
             print(path)
 
     def _grid(self) -> "Grid":
@@ -164,7 +165,10 @@ class BenchCompareCommand:
 
 @dataclass(frozen=True)
 class BenchReportCommand:
-    """Write a report of one or more results folders: static pages with tables, figures, a leaderboard and cards."""
+    """Write a report of one or more results folders: static pages with tables, figures, a leaderboard and cards.
+
+    The output folder also has the scores (CSV) and the tables (Markdown, LaTeX, HTML) of all folders together.
+    """
 
     folders: Annotated[Positional[tuple[Path, ...]], option(metavar="FOLDER ...", help="One or more results folders.")]
     out: Annotated[Path | None, option(metavar="DIR", help="Output folder.", default="report in the first folder")] = (
@@ -193,11 +197,13 @@ class BenchLpipsCommand:
         from autonerf_lab.benchmark import load_results
         from autonerf_lab.benchmark.add_lpips import add_lpips
         from autonerf_lab.benchmark.export import export_results
+        from autonerf_lab.benchmark.results_table import load_results_table
 
         network = self.lpips.load()
         if network is None:
             raise DataError("no weights: give --lpips-weights; `autonerf-lab lpips-weights FILE` writes them")
-        for path in export_results(add_lpips(load_results(self.folder, to_run=True), network)):
+        results = add_lpips(load_results(self.folder, to_run=True), network)
+        for path in export_results(load_results_table(results), results.path):
             print(path)
 
 

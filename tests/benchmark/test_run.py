@@ -15,10 +15,16 @@ from autonerf_lab.benchmark import Grid, load_results, local_workers, paper_grid
 from autonerf_lab.benchmark import run as run_module
 from autonerf_lab.benchmark.export import export_results
 from autonerf_lab.benchmark.local_workers import Limits, run_in_processes
-from autonerf_lab.benchmark.results import open_results
+from autonerf_lab.benchmark.results import Results, open_results
+from autonerf_lab.benchmark.results_table import load_results_table
 from autonerf_lab.benchmark.worker import Job
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.utils.resources import cores
+
+
+def tables(results: Results) -> list[bytes]:
+    """Export the tables and return their contents."""
+    return [path.read_bytes() for path in export_results(load_results_table(results), results.path)]
 
 
 @pytest.mark.parametrize("workers", [0, 2])
@@ -26,8 +32,8 @@ def test_every_cell_runs_once_and_a_second_run_changes_nothing(tmp_path, workers
     results = run(tmp_path, workers=workers)
     assert sorted(log(tmp_path)) == sorted(NAMES)
     assert statuses(results) == dict.fromkeys(NAMES, "ok")
-    before = [path.read_bytes() for path in export_results(results)]
-    assert [path.read_bytes() for path in export_results(run(tmp_path, workers=workers))] == before
+    before = tables(results)
+    assert tables(run(tmp_path, workers=workers)) == before
     assert len(log(tmp_path)) == len(NAMES)
 
 
@@ -218,8 +224,7 @@ def test_killed_and_continued_run_gives_the_same_tables(tmp_path):
     assert not list(tmp_path.rglob(".half*"))
     other = tmp_path / "other"
     other.mkdir()
-    tables = [path.read_bytes() for path in export_results(run(other))]
-    assert [path.read_bytes() for path in export_results(resumed)] == tables
+    assert tables(resumed) == tables(run(other))
 
 
 def test_second_process_is_refused(tmp_path):

@@ -254,7 +254,7 @@ def test_a_status_is_one_printable_line(tmp_path, said, kept):
 
 def test_statuses_are_escaped_in_tables(tmp_path):
     results = folder(tmp_path, {"frontier": ["failed: <b>|*a*_b_"] * 3, "modular-obs": [1.0] * 3})
-    export_results(results)
+    export_results(load_results_table(results), tmp_path)
     text = (tmp_path / "tables.md").read_text()
     assert r"- val-0\_frontier\_0\_semantic-nerfacto: failed: \<b>\|\*a\*\_b\_" in text.splitlines()
 

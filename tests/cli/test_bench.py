@@ -143,6 +143,17 @@ def test_report_is_self_contained(results, capsys):
     assert "12 of 12 cells" in page and "Worst" in page
 
 
+def test_report_of_two_folders_has_their_common_tables(results, tmp_path, capsys):
+    other = open_results(tmp_path / "other", Grid(("modular-cov",), ("val-0", "val-1"), 2, preset="fast"))
+    for cell in other.grid.cells():
+        other.write(fake_cell.finished(cell))
+    assert bench("report", results.path, other.path, "--out", tmp_path / "report") == 0
+    assert len((tmp_path / "report/scores.csv").read_text().splitlines()) > 16
+    tables = (tmp_path / "report/tables.md").read_text()
+    assert tables.startswith("16 of 16 cells") and "modular-cov − frontier" in tables
+    assert r"\begin{tabular}" in (tmp_path / "report/tables.tex").read_text()
+
+
 def test_report_lists_failed_cells(results, tmp_path):
     from autonerf_lab.benchmark import Outcome
     from autonerf_lab.benchmark.report import write_report
