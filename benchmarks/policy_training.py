@@ -138,15 +138,17 @@ def draw(trained: dict[str, list[Variants]], path: str) -> None:
 def keep(trained: dict[str, list[Variants]], curves: Curves, folder: Path) -> None:
     """Copy the weights, and write the area under each curve of each rollout to ``cells.csv``."""
     folder.mkdir(parents=True, exist_ok=True)
-    rows: list[dict[str, Any]] = []
+    kept: Curves = {}
     for reward, seeds in trained.items():
         for seed, variants in enumerate(seeds):
-            for kind in KINDS:
-                for suffix in (".safetensors", ".json"):
-                    shutil.copy(getattr(variants, kind) / f"policy{suffix}", folder / f"{reward}-{seed}-{kind}{suffix}")
-            names = {f"{reward}-{seed}-{name}": policy for name, policy in variants.policies().items()}
-            rows += area_rows({name: curves[policy] for name, policy in names.items()})
-    write_csv(folder / "cells.csv", rows)
+            suffix = f"-{seed}" if seed else ""
+            for kind, policy in variants.policies().items():
+                name = "frontier" if kind == "frontier" else f"modular-{reward}-{kind}{suffix}"
+                kept[name] = curves[policy]
+                if kind in KINDS:
+                    for extension in (".safetensors", ".json"):
+                        shutil.copy(getattr(variants, kind) / f"policy{extension}", folder / f"{name}{extension}")
+    write_csv(folder / "cells.csv", area_rows(kept))
 
 
 def main() -> None:

@@ -144,6 +144,7 @@ def _differences(found: ResultsTable) -> Table:
         for row in rows
         if row[0] != reference and (reference in REFERENCES or row[0].startswith("modular-"))
     ]
+    pairs += [(row, (f"{row[0]}-imitation", row[1])) for row in rows]  # what PPO adds to the demonstrations
     pairs = [(row, other) for row, other in pairs if other in found.episodes]
     texts = [(row, other, f"{row[0]} − {other[0]}" + several * f", {row[1]}") for row, other in pairs]
     lines = _difference_lines(found, texts, paper.HEADLINES)

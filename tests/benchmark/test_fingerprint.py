@@ -88,5 +88,5 @@ def test_the_committed_results_say_which_weights_they_have() -> None:
 @pytest.mark.parametrize("reward", ["cov", "obs", "sem", "view"])
 def test_the_table_of_trainings_is_that_of_the_shipped_weights(reward: str) -> None:
     """Rows of the policies trained by imitation and PPO in the table of ``policy_training.py``."""
-    kept = COMMITTED.parent / f"policy_training/{reward}-0-ppo.safetensors"
+    kept = COMMITTED.parent / f"policy_training/modular-{reward}-ppo.safetensors"
     assert weights_sha256(str(kept)) == weights_sha256(f"modular-{reward}")

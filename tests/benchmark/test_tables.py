@@ -110,6 +110,14 @@ def test_an_oracle_is_no_competitor(tmp_path):
     assert [row[0].text for row in table("differences", found).rows] == ["modular-obs − frontier"]
 
 
+def test_a_policy_is_compared_with_the_imitation_that_it_started_from(tmp_path):
+    grid = replace(GRID, policies=("modular-obs", "modular-view", "runs/modular-obs-imitation.safetensors"))
+    values = {name: [k + 1.0, k + 2.0, k + 3.0] for k, name in enumerate(reversed(grid.policies))}
+    made = table("differences", load_results_table(folder(tmp_path, values, grid)))
+    assert [row[0].text for row in made.rows] == ["modular-obs − modular-obs-imitation"]
+    assert made.rows[0][1].text.startswith("+2.00 ± 0.00")
+
+
 def test_variants_are_compared_with_each_other_only_and_paired(tmp_path):
     grid = Grid(("frontier", "modular-obs"), GRID.scenes, 1, (MODEL, "instant-ngp"), "smoke")
     results = Results(tmp_path, grid)
