@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("--no-speed", action="store_true", help="Skip the speed measurements.")
     parser.add_argument("--quick", action="store_true", help="One scene, two policies, 200 steps, as a test.")
     options = parser.parse_args()
-    learned = [name for name in POLICIES if name.startswith(("modular-", "e2e-"))]
+    learned = [name for name in POLICIES if name.startswith(("modular-", "paper-", "e2e-"))]
     policies = [*POLICIES, *(UNTRAINED + name for name in learned)]
     scenes = scene_names(options.split)
     if options.policies:
@@ -191,10 +191,10 @@ def print_differences(curves: Curves) -> None:
     """Print the difference of each learned policy to its baselines."""
     for policy, by_quantity in curves.items():
         kind, _, reward = policy.partition("-")
-        if kind not in ("modular", "e2e"):
+        if kind not in ("modular", "paper", "e2e"):
             continue
         quantity = TRAINED_FOR.get(reward, "area")
-        baselines = ["frontier", "random-waypoints"] if kind == "modular" else ["random"]
+        baselines = ["random"] if kind == "e2e" else ["frontier", "random-waypoints"]
         for baseline in (*baselines, UNTRAINED + policy):
             if baseline in curves:
                 found = difference(areas_of(by_quantity[quantity]), areas_of(curves[baseline][quantity]))

@@ -30,7 +30,7 @@ FIGURES = {
     "drift": ("explore", "drift"),  # only with noise
 }
 FIGURE_WIDTH = 900  # pixels
-_NAMED_BY_REWARD = ("modular", "e2e", "oracle")  # families of policies
+_NAMED_BY_REWARD = ("modular", "paper", "e2e", "oracle")  # families of policies
 
 
 def run_cell(cell: Cell, out: Path, save_run: bool = False, lpips: str | None = None, device: str | None = None) -> str:
@@ -85,7 +85,9 @@ def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str 
 
             weights = Lpips(lpips, results.lpips)
         figures = None if save_run else [figure for _, figure in FIGURES.values()]
-        options = pipeline.StageOptions(weights, device, baselines=False, optional_tasks=cell.optional, figures=figures)
+        options = pipeline.StageOptions(
+            weights, device, cell.baselines, cell.baselines, optional_tasks=cell.optional, figures=figures
+        )
         pipeline.run_pipeline(
             folder, cell.scene, cell.policy, cell.preset, cell.start, cell.model, "evaluate", options=options,
             **cell.conditions,
@@ -108,8 +110,14 @@ def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str 
             _shrink(source, results.path / "figures" / f"{cell.name}_{name}.webp")
     stages = cast("dict[str, StageCost]", dict(run.stages))
     stages["exploration"] = StageCost(seconds=round(time.perf_counter() - started, 3), peak_gb=resources.peak_gb())
-    scores = tuple(_labelled(row, cell) for row in [*Scores.load(run / "scores.json"), *Scores.load(exploration)])
-    return Outcome(cell, OK, scores, stages, storage.read_json(folder / "curves.json", dict[str, list[float]]))
+    scores = _scores(cell, run / "scores.json", exploration)
+    baselines = {file.stem: _scores(cell, file) for file in sorted((run / "baselines").glob("*.json"))}
+    curves = storage.read_json(folder / "curves.json", dict[str, list[float]])
+    return Outcome(cell, OK, scores, stages, curves, baselines)
+
+
+def _scores(cell: Cell, *files: Path) -> tuple[Score, ...]:
+    return tuple(_labelled(row, cell) for file in files for row in Scores.load(file))
 
 
 def _labelled(row: Score, cell: Cell) -> Score:

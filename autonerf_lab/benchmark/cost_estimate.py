@@ -45,7 +45,8 @@ def dry_run(grid: Grid, out: Path, workers: int = 1, retry: Iterable[str] = (), 
         return "\n".join([*lines, "all cells are finished"])
     unknown = [model for model in dict.fromkeys(cell.model for cell in remaining) if seconds[model] is None]
     if unknown:
-        tasks = " with " + ", ".join(grid.optional) if grid.optional else ""
+        more = [*grid.optional, *["baselines"] * grid.baselines]
+        tasks = " with " + ", ".join(more) if more else ""
         lines.append(f"no estimate: no finished cell of {unknown[0]}{tasks} in preset {grid.preset}; run one first")
     else:
         hours = sum(seconds[cell.model] or 0.0 for cell in remaining) / 3600
@@ -69,7 +70,7 @@ def _seconds(measured: Sequence[Outcome], grid: Grid, model: str, parallel: int)
 
 
 def _is_measured(grid: Grid, model: str) -> bool:
-    return model == MODEL and grid.preset in MEASURED and not grid.optional
+    return model == MODEL and grid.preset in MEASURED and not grid.optional and not grid.baselines
 
 
 def _megabytes(measured: Sequence[Outcome], grid: Grid, out: Path) -> float:

@@ -39,6 +39,7 @@ class Cell:
     depth_noise: str | None = None  # model of the noise of depth images
     poses: str | None = None  # pose source; None: odometry
     semantics: str | None = None  # source of the classes that the robot sees; None: the simulator
+    baselines: bool = False  # also score the baselines, and by the definitions of the paper's code
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "optional", tuple(self.optional))  # a list if read from JSON
@@ -104,11 +105,13 @@ class Grid:
     depth_noise: str | None = None  # model of the noise of depth images; None: exact
     poses: str | None = None  # pose source: odometry, estimated, refined or true; None: odometry
     semantics: str | None = None  # source of the classes: true, predicted, noisy or a segmenter; None: true
+    baselines: bool = False  # also score the baselines, and by the definitions of the paper's code: twice the time
 
     def cells(self) -> list[Cell]:
         """Return all cells, scene by scene."""
+        same = {key: getattr(self, key) for key in ("preset", "optional", *CONDITIONS, "baselines")}
         return [
-            Cell(policy, scene, start, model, self.preset, self.optional, **{k: getattr(self, k) for k in CONDITIONS})
+            Cell(policy, scene, start, model, **same)
             for scene, policy, start, model in product(self.scenes, self.policies, range(self.starts), self.models)
         ]
 
@@ -178,6 +181,8 @@ class Grid:
                 raise WrongTypeError(f"{key} must be a tuple of names, such as ('random',), not {value!r}")
         if type(self.starts) is not int:
             raise WrongTypeError(f"starts must be a whole number, not {self.starts!r}")
+        if type(self.baselines) is not bool:
+            raise WrongTypeError(f"baselines must be True or False, not {self.baselines!r}")
         if not isinstance(self.preset, str):
             raise WrongTypeError(f"preset must be a name, such as 'fast', not {self.preset!r}")
 

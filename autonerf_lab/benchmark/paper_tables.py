@@ -20,6 +20,13 @@ SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed in the 
 OURS = "modular-obs"  # policy of the paper in experiments that do not compare policies
 _CORRECTED = "bold: p < 5 % after Holm's correction over the differences of the table"
 REFERENCES = ("frontier-classic", "frontier", "random")
+BASELINES = {  # of a cell
+    "upstream": "the field by the definitions of the code that was released with the paper",
+    "oracle": "the true geometry",
+    "nearest_view": "the nearest training view in place of a rendering",
+    "tsdf": "the mesh of the fused depth images",
+    "fused_labels": "the labels of the frames, fused in a point cloud",
+}
 _BOUNDS = "oracle-"  # policies that know the scene: not compared with the others
 
 
@@ -229,6 +236,25 @@ def _conditions(
     return Table(name, title, header, tuple(lines), note)
 
 
+def _baselines(found: ResultsTable) -> Table:
+    plain = [row for row in found.rows if row not in found.noisy | found.predicted]
+    rows = [row for row in plain if any(row in values for values in found.baselines.values())] or plain or found.rows
+    row = next((row for row in rows if row[0] == OURS), rows[0])
+    columns = {"field": found} | {name: found.of_baseline(name) for name in BASELINES if name in found.baselines}
+    lines = []
+    for metric in (*paper.RENDERING, *paper.MAPS, *paper.PLANNING, *paper.POSE, *paper.MESH):
+        if _status_everywhere(found, metric) is not None:  # LPIPS without its weights
+            continue
+        published = paper.BY_POLICY[OURS].get(metric.key)
+        texts = [_text(table, row, metric) for table in columns.values()]
+        texts.append(NO_VALUE if published is None else metric.format(published))
+        lines.append((Entry(f"{metric.task.replace('_', ' ')}: {metric.heading}"), *map(Entry, texts)))
+    names = [f"{name.replace('_', ' ')}: {text}" for name, text in BASELINES.items() if name in columns]
+    note = "; ".join(names) or "Baselines: not measured yet; add them with --baselines"
+    header = (f"{row[0]}, {row[1]}", *(name.replace("_", " ") for name in columns), "paper")
+    return Table("baselines", "Other definitions and baselines in the same cells", header, tuple(lines), f"{note}.")
+
+
 def _semantics(found: ResultsTable) -> Table:
     title = "Semantics of the simulator and predicted semantics"
     rows = [row for row in found.rows if row in found.predicted]
@@ -273,6 +299,7 @@ TABLES: dict[str, Callable[[ResultsTable], Table]] = {
         paper.FINETUNING,
         "Add it with --optional finetuning.",
     ),
+    "baselines": _baselines,
     "correlations": correlations,
     "semantics": _semantics,
     "noise": _noise,

@@ -13,7 +13,7 @@
 
 import shutil
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
@@ -52,6 +52,7 @@ class Outcome:
     scores: tuple[Score, ...] = ()
     stages: dict[str, StageCost] | None = None  # of a finished cell
     curves: dict[str, list[float]] | None = None  # metric -> coverage after 2, 4, ... 100 % of the steps, %
+    baselines: dict[str, tuple[Score, ...]] = field(default_factory=dict)  # by name, see :data:`.BASELINES`
 
     def __post_init__(self) -> None:
         """Reduce the status to one line of printable characters of limited length."""
@@ -130,6 +131,7 @@ class Results:
             "stages": outcome.stages,
             "curves": outcome.curves,
             "scores": [asdict(row) for row in outcome.scores],
+            "baselines": {name: [asdict(row) for row in rows] for name, rows in outcome.baselines.items()},
         }
         storage.write_json(self.cell_file(outcome.cell), content)
 

@@ -1,7 +1,7 @@
 """Results table: scores of one or several results folders, by policy and model."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 
 import pandas as pd
 
@@ -15,6 +15,7 @@ from autonerf_lab.types import Score
 
 Row = tuple[str, str]  # policy; model, with noise and pose source if they are set
 Episode = tuple[str, int]  # scene, start
+Values = dict[Row, dict[Episode, dict[Key, float | None]]]
 
 
 @dataclass(frozen=True)
@@ -22,12 +23,13 @@ class ResultsTable:
     """Scores of one grid, or of several grids without common cells."""
 
     episodes: dict[Row, list[Episode]]  # of the grids, with or without scores
-    values: dict[Row, dict[Episode, dict[Key, float | None]]]  # scores of finished cells
+    values: Values  # scores of finished cells
     outcomes: list[Outcome]  # of all cells that were run
     cell_count: int  # of the grids
     preset: str = ""  # name of the preset
     noisy: frozenset[Row] = frozenset()  # rows with noise of motion or depth
     predicted: frozenset[Row] = frozenset()  # rows without noise, whose classes are not those of the simulator
+    baselines: dict[str, Values] = field(default_factory=dict)  # scores of the baselines of the same cells, by name
 
     @property
     def rows(self) -> list[Row]:
@@ -38,6 +40,10 @@ class ResultsTable:
     def unfinished(self) -> list[Outcome]:
         """Outcomes of cells that were run and have no scores."""
         return [outcome for outcome in self.outcomes if not outcome.finished]
+
+    def of_baseline(self, name: str) -> "ResultsTable":
+        """Return the table with the scores of a baseline in place of those of the field."""
+        return replace(self, values={row: {} for row in self.episodes} | self.baselines[name], baselines={})
 
     def runs(self, row: Row, key: Key, episodes: Iterable[Episode] | None = None) -> dict[str, list[float]]:
         """Return the values of a score by scene; ``episodes`` limits them to some episodes."""
@@ -108,7 +114,8 @@ def load_results_table(*folders: Results) -> ResultsTable:
     if different := find_conflict({results.path: results.fingerprint for results in folders}):
         raise RunFolderError(f"{different}; compare the folders with `autonerf-lab bench compare`")
     episodes: dict[Row, list[Episode]] = {}
-    values: dict[Row, dict[Episode, dict[Key, float | None]]] = {}
+    values: Values = {}
+    baselines: dict[str, Values] = {}
     outcomes: list[Outcome] = []
     noisy: set[Row] = set()
     predicted: set[Row] = set()
@@ -130,12 +137,19 @@ def load_results_table(*folders: Results) -> ResultsTable:
         for outcome in results.outcomes():
             outcomes.append(outcome)
             if outcome.finished:
-                scores = {(score.task, score.metric): score.value for score in outcome.scores}
-                values[_row(outcome)][label(outcome.cell.scene), outcome.cell.start] = scores
+                row, episode = _row(outcome), (label(outcome.cell.scene), outcome.cell.start)
+                values[row][episode] = _by_key(outcome.scores)
+                for name, rows in outcome.baselines.items():
+                    baselines.setdefault(name, {}).setdefault(row, {})[episode] = _by_key(rows)
     cell_count = sum(len(results.grid.cells()) for results in folders)
+    preset = next(iter(presets), "")
     return ResultsTable(
-        episodes, values, outcomes, cell_count, next(iter(presets), ""), frozenset(noisy), frozenset(predicted)
+        episodes, values, outcomes, cell_count, preset, frozenset(noisy), frozenset(predicted), baselines
     )
+
+
+def _by_key(scores: Iterable[Score]) -> dict[Key, float | None]:
+    return {(score.task, score.metric): score.value for score in scores}
 
 
 def scores_frame(outcomes: Sequence[Outcome]) -> pd.DataFrame:

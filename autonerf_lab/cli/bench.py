@@ -64,6 +64,10 @@ class BenchRunCommand:
     depth_noise: DepthNoiseName = None
     poses: PosesName = None
     semantics: SemanticsName = None
+    baselines: Annotated[
+        bool,
+        option(help="Also score the oracle, the nearest view and the fused depth, and the field by the paper's code."),
+    ] = False
     workers: Annotated[int, option(help="Number of worker processes; 0: run in this process.")] = 1
     scheduler: Annotated[
         str | None, option(metavar="ADDRESS", help="Address of a dask.distributed scheduler that runs the cells.")
@@ -130,14 +134,16 @@ class BenchRunCommand:
                 raise DataError(f"--grid {self.grid} defines the whole grid: remove --{next(iter(chosen))}")
             grid = load_grid(self.grid)
             return replace(
-                grid, preset=self.preset or grid.preset, optional=split_names(self.optional) or grid.optional, **noise
-            )
+                grid, preset=self.preset or grid.preset, optional=split_names(self.optional) or grid.optional,
+                baselines=self.baselines or grid.baselines, **noise,
+            )  # fmt: skip
         if "policies" not in chosen:
             raise DataError("no policies: give --policies, such as random,frontier, or --grid, such as paper")
         return Grid(
             **{"scenes": ("val",), **chosen, **noise},
             preset=preset(self.preset).name,
             optional=split_names(self.optional) or (),
+            baselines=self.baselines,
         )
 
 

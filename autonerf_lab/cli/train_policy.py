@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from autonerf_lab.cli.options import option
 from autonerf_lab.errors import DataError
@@ -34,16 +34,20 @@ class TrainPolicyCommand:
     After an interruption, the same command continues.
     """
 
-    policy: Annotated[str, option(help="modular-REWARD or e2e-REWARD, for example modular-obs; or pointgoal.")] = (
-        "modular-obs"
-    )
+    policy: Annotated[
+        str,
+        option(
+            help="modular-REWARD, paper-REWARD (with the paper's network) or e2e-REWARD, for example modular-obs; or "
+            "pointgoal."
+        ),
+    ] = "modular-obs"
     frames: Annotated[
         str | None,
         option(
             metavar="N",
             help="Number of robot actions of PPO, rounded up to whole rollouts; 0: imitation only. The actual number "
             "is smaller if waypoints are reached early.",
-            default="1.5e6; e2e: 5e5; pointgoal: 2e6",
+            default="1e6; pointgoal: 2e6",
         ),
     ] = None
     start: Annotated[
@@ -57,15 +61,12 @@ class TrainPolicyCommand:
         option(
             metavar="N",
             help="Number of episodes of the teacher that are imitated before PPO; 0: PPO from scratch.",
-            default="80; modular-cov: 200; pointgoal: 1e4",
+            default="60; e2e: 0; pointgoal: 1e4",
         ),
     ] = None
     workers: Annotated[int, option(help="Number of worker processes.")] = 2
     seed: Annotated[int, option(help="Random seed.")] = 0
     out: Annotated[Path | None, option(metavar="PATH", help="Output folder.", default="runs/policies/POLICY")] = None
-    network: Annotated[
-        Literal["compact", "paper"], option(help="Policy interface and network of a modular policy.")
-    ] = "compact"
     device: Annotated[str, option(metavar="NAME", help="Torch device of the network, such as cuda.")] = "cpu"
 
     def run(self) -> None:
@@ -82,8 +83,6 @@ class TrainPolicyCommand:
             raise DataError("--start replaces the imitation of --demonstrations: give one of them")
         given = {"frames": self.frames, "demonstrations": self.demonstrations}
         chosen: dict[str, Any] = {name: whole_number(text, 0) for name, text in given.items() if text is not None}
-        if self.network == "paper":
-            chosen["network"] = {"kind": "paper", "viewpoints": self.policy.endswith("-view")}
         settings = settings_of(self.policy, seed=self.seed, **chosen)
         out = self.out or Path("runs/policies") / self.policy
         weights = train_policy(self.policy, out, settings, workers=self.workers, start=self.start, device=self.device)

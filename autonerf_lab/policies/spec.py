@@ -113,15 +113,24 @@ _POINTGOAL = PolicySpec(
     recurrent=True,
     fixed_length=False,
 )
-SPECS: dict[str, PolicySpec] = {  # by kind of network; the first one of a name is its default
+_PAPER_NETWORK = {"kind": "paper", "window": 120}  # cells of 10 cm; the paper has 240 of 5 cm
+# Modular policies whose network has no inputs but the paper's map. Their training differs in nothing else.
+_PAPER = replace(
+    _MODULAR,
+    name="paper",
+    interface=PaperInterface,
+    network=lambda interface, **options: PaperNetwork(interface.window, interface.channels),
+    policy=Modular,
+    settings={**_MODULAR.settings, "network": _PAPER_NETWORK},
+    rewards={
+        **(_MODULAR.rewards or {}),
+        "view": {**(_MODULAR.rewards or {})["view"], "network": {**_PAPER_NETWORK, "viewpoints": True}},
+    },
+    symmetric=False,
+)
+SPECS: dict[str, PolicySpec] = {  # by kind of network
     "compact": _MODULAR,
-    "paper": replace(
-        _MODULAR,
-        interface=PaperInterface,
-        network=lambda interface, **options: PaperNetwork(interface.window, interface.channels),
-        policy=Modular,
-        symmetric=False,
-    ),
+    "paper": _PAPER,
     "egocentric": _END_TO_END,
     "goal": _POINTGOAL,
 }

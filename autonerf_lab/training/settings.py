@@ -45,7 +45,7 @@ def settings_of(policy: str, **overrides: Any) -> PolicySettings:
     """Return the default settings of a policy.
 
     Args:
-        policy: ``modular-<reward>``, ``e2e-<reward>`` or ``pointgoal``; the reward may be your own.
+        policy: ``modular-<reward>``, ``paper-<reward>``, ``e2e-<reward>`` or ``pointgoal``; the reward may be your own.
         overrides: settings that replace the defaults.
 
     Raises:

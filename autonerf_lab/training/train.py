@@ -100,7 +100,7 @@ def train_policy(
     """Train a policy, or resume its training from the checkpoint in the folder.
 
     Args:
-        name: ``modular-<reward>``, ``e2e-<reward>`` or ``pointgoal``.
+        name: ``modular-<reward>``, ``paper-<reward>``, ``e2e-<reward>`` or ``pointgoal``.
         folder: folder of the training.
         settings: settings; None for those of :func:`~autonerf_lab.training.settings.settings_of`.
         reward: reward instead of the one in the name; ignored for ``pointgoal``.

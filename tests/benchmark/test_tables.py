@@ -208,6 +208,23 @@ def test_every_table_can_be_made_of_anything(tmp_path):
         table("rendring", load_results_table(results))
 
 
+def test_baselines_of_the_same_cells_are_columns(tmp_path):
+    grid = replace(GRID, policies=("modular-obs",), baselines=True)
+    results = Results(tmp_path, grid)
+    for k, cell in enumerate(grid.cells()):
+        psnr, success = (Score(*key, 20.0 + k) for key in (("rendering", "psnr"), ("planning", "pointgoal_success")))
+        baselines = {"oracle": (replace(psnr, value=50.0), success), "upstream": (replace(success, value=40.0 + k),)}
+        results.write(Outcome(cell, "ok", (psnr, success), {}, baselines=baselines))
+    made = table("baselines", load_results_table(results))
+    rows = {row[0].text: [entry.text for entry in row[1:]] for row in made.rows}
+    assert made.header == (f"modular-obs, {MODEL}", "field", "upstream", "oracle", "paper")
+    assert rows["rendering: PSNR [dB]"] == ["21.00 ± 2.48", "–", "50.00 ± 0.00", "25.56"]
+    assert rows["planning: PointGoal success [%]"] == ["21.0 ± 2.5", "41.0 ± 2.5", "21.0 ± 2.5", "38.2"]
+    assert rows["mesh: Accuracy [cm]"] == ["–", "–", "–", "–"]
+    plain = load_results_table(folder(tmp_path / "plain", {"frontier": [1.0] * 3, "modular-obs": [2.0] * 3}))
+    assert table("baselines", plain).note == "Baselines: not measured yet; add them with --baselines."
+
+
 def test_correlations_of_the_modular_policies_by_scene(tmp_path):
     policies = ("frontier", "modular-cov", "modular-obs", "modular-mine")
     grid = Grid(policies, ("val-0",), 2, preset="smoke")

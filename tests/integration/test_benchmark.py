@@ -20,7 +20,7 @@ TIMES = ["seconds"]
 
 
 def command(out: Path) -> list[str]:
-    words = "bench run --policies random --scenes dev-0 --starts 1 --preset smoke --out"
+    words = "bench run --policies random --scenes dev-0 --starts 1 --preset smoke --baselines --out"
     return [sys.executable, "-m", "autonerf_lab.cli", *words.split(), str(out)]
 
 
@@ -45,6 +45,10 @@ def test_cell_has_every_score_and_few_files(finished):
     assert {(row.policy, row.scene, row.start, row.model) for row in outcome.scores} == {
         ("random", "dev-0", 0, "semantic-nerfacto")
     }
+    assert set(outcome.baselines) >= {"nearest_view", "oracle", "upstream"}  # and tsdf with open3d
+    assert {row.policy for rows in outcome.baselines.values() for row in rows} == {"random"}
+    exact = {(row.task, row.metric): row.value for row in outcome.baselines["oracle"]}
+    assert exact["rendering", "miou"] == 100.0
     values = {row.metric: row.value for row in outcome.scores if row.task in ("exploration", "reward")}
     # the coverage reward counts the area after the first image
     assert 0 < values["cov"] <= values["explored_area_m2"]
