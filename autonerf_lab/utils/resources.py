@@ -29,7 +29,9 @@ def is_out_of_memory(error: BaseException) -> bool:
     """
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
-    return any(words in str(error).lower() for words in _OUT_OF_MEMORY)
+    if any(words in str(error).lower() for words in _OUT_OF_MEMORY):
+        return True
+    return error.__context__ is not None and is_out_of_memory(error.__context__)  # a library may name another reason
 
 
 def cores() -> int:
