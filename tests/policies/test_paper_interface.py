@@ -1,12 +1,16 @@
 """The paper's policy at any size of the map: its interface, and a training and a rollout of its network."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from autonerf_lab.exploration import explore
-from autonerf_lab.geometry import Intrinsics, world_to_cell
+from autonerf_lab.geometry import Intrinsics, planar_pose, world_to_cell
 from autonerf_lab.mapping import empty_map
 from autonerf_lab.policies.interfaces import PaperInterface
+from autonerf_lab.policies.networks import batched
+from autonerf_lab.policies.spec import make_network
 from autonerf_lab.policies.weights import read_meta
 from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
@@ -45,3 +49,12 @@ def test_the_network_of_the_paper_trains_and_explores_on_maps_of_any_size(tmp_pa
         assert trajectory.meta["explored_m2"][-1] > trajectory.meta["explored_m2"][0]
         points = np.array(trajectory.meta["waypoints"][25:])
         assert np.abs(points - trajectory.poses[25, :2, 3]).max() < 12  # metres, the width of the window
+
+
+def test_policies_with_the_network_of_the_paper_are_trained_like_the_modular_ones():
+    for reward in ("cov", "obs", "sem", "view"):
+        settings, modular = settings_of(f"paper-{reward}"), settings_of(f"modular-{reward}")
+        assert replace(settings, network=modular.network) == modular
+        interface, network = make_network(settings.network)
+        assert interface.cell == 0.1 and interface.channels == 24 + 24 * (reward == "view")
+        assert network(batched([interface.observe(empty_map(planar_pose(0, 0, 0)))]))[1].shape == (1,)

@@ -69,7 +69,7 @@ def test_built_in_weights_are_small_and_have_complete_metadata(path):
     assert meta["frames"] >= 500_000 and meta["hours"] > 0 and meta["seed"] is not None
     assert all(row["frames"] > 0 and np.isfinite(row["reward"]) for row in meta["curve"])
     assert any(np.abs(array.astype(np.float32)).max() > 0 for array in load_file(path).values())
-    assert isinstance(make_policy(path.stem), Modular if path.stem.startswith("modular-") else EndToEnd)
+    assert isinstance(make_policy(path.stem), EndToEnd if path.stem.startswith("e2e-") else Modular)
 
 
 @pytest.mark.parametrize("reward", ["cov", "obs", "sem", "view"])
