@@ -1,0 +1,72 @@
+"""Grids behind the tables of `benchmarks/results`: what of the paper holds here.
+
+    python benchmarks/paper_grids.py                   # a day and a half on two cores; continues after an interruption
+    python benchmarks/paper_grids.py --grids policies  # one of them
+    python benchmarks/paper_grids.py --quick           # two small cells, as a check of the script
+
+Each grid has a results folder of its own under ``--out``. ``test`` compares the policies in the twenty test apartments,
+and varies models, poses and semantics on the trajectories of ``modular-obs``. ``val`` has five starts in the five
+validation apartments, for the correlations of rewards with scores, and fine-tuning in four of them. ``houses`` are the
+five homes of 180 to 300 m².
+
+Prints the number of finished cells of each grid and, as the last line, one JSON object.
+"""
+
+import argparse
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from autonerf_lab.benchmark import Grid, run_grid
+from autonerf_lab.benchmark.grid import PAPER_POLICIES
+from autonerf_lab.scenes import scene_names
+
+TRAINED = Path(__file__).parent / "policy_training"
+IMITATIONS = tuple(str(TRAINED / f"modular-{reward}-imitation.safetensors") for reward in ("cov", "obs", "sem", "view"))
+OURS = "modular-obs"
+FIELD = Grid((OURS,), ("test",), 1)
+NOISE = replace(FIELD, noise="ans", depth_noise="redwood")
+
+GRIDS = {
+    "test/policies": Grid(
+        (*(name for name in PAPER_POLICIES if name != OURS), "paper-obs", *IMITATIONS, "oracle-obs"), ("test",), 1
+    ),
+    f"test/{OURS}": replace(FIELD, optional=("navigation",), baselines=True),
+    "test/models": replace(
+        FIELD, models=("instant-ngp", "semantic-nerf", "semantic-nerfacto-rgbd", "instant-ngp-rgbd")
+    ),
+    "test/odometry": replace(NOISE, poses="odometry"),
+    "test/estimated": replace(NOISE, poses="estimated"),
+    "test/refined": replace(NOISE, poses="refined"),
+    "test/predicted": replace(FIELD, semantics="predicted"),
+    "val/policies": Grid(
+        ("frontier-classic", *(f"modular-{reward}" for reward in ("cov", "obs", "sem", "view"))), ("val",), 5
+    ),
+    "val/finetuning": Grid((OURS,), tuple(scene_names("val")[:4]), 1, optional=("finetuning",)),
+    "houses/policies": Grid((OURS,), ("house",), 1),
+}
+
+
+def main() -> None:
+    """Run the grids and print how much of them is finished."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--grids", nargs="+", default=[*GRIDS], metavar="GRID", help=f"Of {', '.join(GRIDS)}.")
+    parser.add_argument("--workers", type=int, default=2, help="Cells at a time.")
+    parser.add_argument("--out", type=Path, default=Path("runs/paper"), help="Folder of the results folders.")
+    parser.add_argument("--quick", action="store_true", help="One policy in two rooms, as a check of the script.")
+    options = parser.parse_args()
+    grids = {name: GRIDS[name] for name in options.grids}
+    if options.quick:
+        small = replace(FIELD, policies=("random", OURS), scenes=("dev-0",), preset="smoke")
+        grids, options.out = {"quick": small}, Path(tempfile.mkdtemp())
+    finished = {}
+    for name, grid in grids.items():
+        results = run_grid(grid, options.out / name, options.workers)
+        finished[name] = sum(outcome.finished for outcome in results.outcomes())
+        print(f"{name}: {finished[name]} of {len(results.grid.cells())} cells", flush=True)
+    print(json.dumps(finished))
+
+
+if __name__ == "__main__":
+    main()
