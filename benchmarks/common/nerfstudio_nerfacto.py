@@ -32,9 +32,7 @@ def make_trainer(options: argparse.Namespace) -> Trainer:
     manager.data = manager.dataparser.data = options.train
     manager.dataparser.eval_mode, manager.train_num_rays_per_batch = "all", options.rays
     model.implementation = "torch"
-    model.eval_num_rays_per_chunk = (
-        1024  # renders in a third of the time on the CPU
-    )
+    model.eval_num_rays_per_chunk = 1024  # renders in a third of the time on the CPU
     if options.no_camera_optimizer:
         model.camera_optimizer.mode = "off"
         del config.optimizers["camera_opt"]
