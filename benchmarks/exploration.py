@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("--no-speed", action="store_true", help="Skip the speed measurements.")
     parser.add_argument("--quick", action="store_true", help="One scene, two policies, 200 steps, as a test.")
     options = parser.parse_args()
-    learned = [name for name in POLICIES if name.startswith(("modular-", "paper-", "e2e-"))]
+    learned = [name for name in POLICIES if weights_path(name).exists()]
     policies = [*POLICIES, *(UNTRAINED + name for name in learned)]
     scenes = scene_names(options.split)
     if options.policies:

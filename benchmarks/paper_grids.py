@@ -1,8 +1,8 @@
 """Grids behind the tables of `benchmarks/results`: what of the paper holds here.
 
-    python benchmarks/paper_grids.py                   # a day and a half on two cores; continues after an interruption
-    python benchmarks/paper_grids.py --grids policies  # one of them
-    python benchmarks/paper_grids.py --quick           # two small cells, as a check of the script
+    python benchmarks/paper_grids.py  # a day and a half on two cores; continues after an interruption
+    python benchmarks/paper_grids.py --grids test/policies  # one of them
+    python benchmarks/paper_grids.py --quick  # two small cells, as a check of the script
 
 Each grid has a results folder of its own under ``--out``. ``test`` compares the policies in the twenty test apartments,
 and varies models, poses and semantics on the trajectories of ``modular-obs``. ``val`` has five starts in the five
@@ -19,12 +19,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from autonerf_lab.benchmark import Grid, run_grid
+from autonerf_lab.benchmark.correlations import POLICIES as MODULAR
 from autonerf_lab.benchmark.grid import PAPER_POLICIES
+from autonerf_lab.benchmark.paper_tables import OURS
 from autonerf_lab.scenes import scene_names
 
 TRAINED = Path(__file__).parent / "policy_training"
-IMITATIONS = tuple(str(TRAINED / f"modular-{reward}-imitation.safetensors") for reward in ("cov", "obs", "sem", "view"))
-OURS = "modular-obs"
+IMITATIONS = tuple(str(TRAINED / f"{policy}-imitation.safetensors") for policy in MODULAR)
 FIELD = Grid((OURS,), ("test",), 1)
 NOISE = replace(FIELD, noise="ans", depth_noise="redwood")
 
@@ -40,9 +41,7 @@ GRIDS = {
     "test/estimated": replace(NOISE, poses="estimated"),
     "test/refined": replace(NOISE, poses="refined"),
     "test/predicted": replace(FIELD, semantics="predicted"),
-    "val/policies": Grid(
-        ("frontier-classic", *(f"modular-{reward}" for reward in ("cov", "obs", "sem", "view"))), ("val",), 5
-    ),
+    "val/policies": Grid(("frontier-classic", *MODULAR), ("val",), 5),
     "val/finetuning": Grid((OURS,), tuple(scene_names("val")[:4]), 1, optional=("finetuning",)),
     "houses/policies": Grid((OURS,), ("house",), 1),
 }
@@ -51,10 +50,10 @@ GRIDS = {
 def main() -> None:
     """Run the grids and print how much of them is finished."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--grids", nargs="+", default=[*GRIDS], metavar="GRID", help=f"Of {', '.join(GRIDS)}.")
+    parser.add_argument("--grids", nargs="+", default=[*GRIDS], choices=GRIDS, help="Names of grids.")
     parser.add_argument("--workers", type=int, default=2, help="Cells at a time.")
     parser.add_argument("--out", type=Path, default=Path("runs/paper"), help="Folder of the results folders.")
-    parser.add_argument("--quick", action="store_true", help="One policy in two rooms, as a check of the script.")
+    parser.add_argument("--quick", action="store_true", help="Two policies in one scene, as a check of the script.")
     options = parser.parse_args()
     grids = {name: GRIDS[name] for name in options.grids}
     if options.quick:

@@ -45,7 +45,7 @@ def dry_run(grid: Grid, out: Path, workers: int = 1, retry: Iterable[str] = (), 
         return "\n".join([*lines, "all cells are finished"])
     unknown = [model for model in dict.fromkeys(cell.model for cell in remaining) if seconds[model] is None]
     if unknown:
-        more = [*grid.optional, *["baselines"] * grid.baselines]
+        more = (*grid.optional, "baselines") if grid.baselines else grid.optional
         tasks = " with " + ", ".join(more) if more else ""
         lines.append(f"no estimate: no finished cell of {unknown[0]}{tasks} in preset {grid.preset}; run one first")
     else:

@@ -40,6 +40,12 @@ class PolicySpec:
 
 
 # ``scale`` brings the sum of the rewards of a good episode to about ten.
+_REWARDS: dict[str, dict[str, Any]] = {
+    "cov": {"scale": 0.1},
+    "obs": {"scale": 0.4},
+    "sem": {"scale": 0.4},
+    "view": {"scale": 0.02},
+}
 _MODULAR = PolicySpec(
     name="modular",
     environment="AutoNeRF/Waypoint-v0",
@@ -57,7 +63,7 @@ _MODULAR = PolicySpec(
         "entropy": 0.0,
         "target_kl": 0.06,
     },
-    rewards={"cov": {"scale": 0.1}, "obs": {"scale": 0.4}, "sem": {"scale": 0.4}, "view": {"scale": 0.02}},
+    rewards=_REWARDS,
     symmetric=True,
     waypoints=True,
 )
@@ -122,10 +128,7 @@ _PAPER = replace(
     network=lambda interface, **options: PaperNetwork(interface.window, interface.channels),
     policy=Modular,
     settings={**_MODULAR.settings, "network": _PAPER_NETWORK},
-    rewards={
-        **(_MODULAR.rewards or {}),
-        "view": {**(_MODULAR.rewards or {})["view"], "network": {**_PAPER_NETWORK, "viewpoints": True}},
-    },
+    rewards={**_REWARDS, "view": {**_REWARDS["view"], "network": {**_PAPER_NETWORK, "viewpoints": True}}},
     symmetric=False,
 )
 SPECS: dict[str, PolicySpec] = {  # by kind of network
