@@ -52,7 +52,7 @@ def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
         published = paper.BY_POLICY.get(row[0], {}).get(metric.key)
         rows.append(
             (
-                Entry(f"{metric.task.replace('_', ' ')}: {metric.heading}"),
+                Entry(metric.full_heading),
                 Entry(NO_VALUE if mean is None else spread(mean, metric)),
                 difference_entry(apart, metric),
                 Entry(NO_VALUE if published is None else metric.format(published)),

@@ -32,7 +32,7 @@ def compare(first: ResultsTable, second: ResultsTable) -> Table:
         found = [paired_difference(second, row, first, other, metric.key) for row, other in pairs]
         if any(d is not None for d in found):
             entries = [difference_entry(d, metric) for d in found]
-            lines.append((Entry(f"{metric.task.replace('_', ' ')}: {metric.heading}"), *entries))
+            lines.append((Entry(metric.full_heading), *entries))
     if not lines:
         raise RunFolderError("the two folders have no scores of the same scene and start")
     header = ("", *(_title(row, other) for row, other in pairs))

@@ -206,6 +206,16 @@ def difference_entry(found: Interval | None, metric: Metric) -> Entry:
     return Entry(sign + spread(found, metric), bold=found.excludes_zero)
 
 
+def _plain_rows(found: ResultsTable) -> list[Row]:
+    """Return the rows without noise and with true classes."""
+    return [row for row in found.rows if row not in found.noisy | found.predicted]
+
+
+def _ours(rows: Sequence[Row]) -> Row | None:
+    """Return the row of the policy ``OURS``, or else the first one."""
+    return next((row for row in rows if row[0] == OURS), next(iter(rows), None))
+
+
 def _conditions(
     found: ResultsTable,
     name: str,
@@ -217,14 +227,14 @@ def _conditions(
     other: Row | None = None,
 ) -> Table:
     """Return a table with one row per metric, and two conditions side by side; ``other``: row of the second."""
-    plain_rows = [row for row in found.rows if row not in found.noisy | found.predicted]
-    row = next((row for row in plain_rows if row[0] == OURS), next(iter(plain_rows), None))
+    plain_rows = _plain_rows(found)
+    row = _ours(plain_rows)
     lines = []
     for metric in metrics:
         plain = paper.BY_POLICY[OURS].get(metric.key)
         lines.append(
             (
-                Entry(f"{metric.task.replace('_', ' ')}: {metric.heading}"),
+                Entry(metric.full_heading),
                 Entry(NO_VALUE if row is None else _text(found, row, metric)),
                 Entry(NO_VALUE if plain is None else metric.format(plain)),
                 Entry(NO_VALUE if other is None else _text(found, other, metric)),
@@ -237,9 +247,9 @@ def _conditions(
 
 
 def _baselines(found: ResultsTable) -> Table:
-    plain = [row for row in found.rows if row not in found.noisy | found.predicted]
-    rows = [row for row in plain if any(row in values for values in found.baselines.values())] or plain or found.rows
-    row = next((row for row in rows if row[0] == OURS), rows[0])
+    plain = _plain_rows(found)
+    row = _ours([row for row in plain if any(row in values for values in found.baselines.values())] or plain)
+    row = row or found.rows[0]
     columns = {"field": found} | {name: found.of_baseline(name) for name in BASELINES if name in found.baselines}
     lines = []
     for metric in (*paper.RENDERING, *paper.MAPS, *paper.PLANNING, *paper.POSE, *paper.MESH):
@@ -248,7 +258,7 @@ def _baselines(found: ResultsTable) -> Table:
         published = paper.BY_POLICY[OURS].get(metric.key)
         texts = [_text(table, row, metric) for table in columns.values()]
         texts.append(NO_VALUE if published is None else metric.format(published))
-        lines.append((Entry(f"{metric.task.replace('_', ' ')}: {metric.heading}"), *map(Entry, texts)))
+        lines.append((Entry(metric.full_heading), *map(Entry, texts)))
     names = [f"{name.replace('_', ' ')}: {text}" for name, text in BASELINES.items() if name in columns]
     note = "; ".join(names) or "Baselines: not measured yet; add them with --baselines"
     header = (f"{row[0]}, {row[1]}", *(name.replace("_", " ") for name in columns), "paper")
@@ -257,8 +267,7 @@ def _baselines(found: ResultsTable) -> Table:
 
 def _semantics(found: ResultsTable) -> Table:
     title = "Semantics of the simulator and predicted semantics"
-    rows = [row for row in found.rows if row in found.predicted]
-    other = next((row for row in rows if row[0] == OURS), next(iter(rows), None))
+    other = _ours([row for row in found.rows if row in found.predicted])
     note = "Predicted semantics: not measured; cells use the semantics of the simulator."
     note = note if other is None else f"Predicted semantics: {other[0]}, {other[1]}."
     conditions = ("simulator", "predicted")

@@ -117,7 +117,7 @@ def _score(row: Score) -> tuple[str, str, str, str]:
     metric = metric_of(row)
     value = row.status if row.value is None else metric.format(row.value)
     paper = metric.format(metric.paper[0]) if metric.paper else NO_VALUE
-    return f"{row.task.replace('_', ' ')}: {metric.heading}", value, paper, str(row.n)
+    return metric.full_heading, value, paper, str(row.n)
 
 
 def _cells(outcomes: Sequence[Outcome]) -> str:

@@ -46,6 +46,11 @@ class Metric:
         """Label and unit, as the header of a table column."""
         return f"{self.label} [{self.display_unit}]" if self.display_unit else self.label
 
+    @property
+    def full_heading(self) -> str:
+        """Task and heading, where the rows of several tasks are in one table."""
+        return f"{self.task.replace('_', ' ')}: {self.heading}"
+
     def format(self, value: float) -> str:
         """Format a stored value for display, without its unit."""
         return f"{value * self.scale:.{self.decimals}f}"
