@@ -1,15 +1,14 @@
-"""Export the results of a finished grid for a repository: cells, tables and plots, without the figures of the cells.
+"""Export results folders for a repository: their cells, and tables and plots of all of them together.
 
-    autonerf-lab bench run --policies random,frontier,modular,e2e-cov --scenes val --starts 2 --preset fast --out RUN
-    python benchmarks/export_results.py RUN benchmarks/results
+    python benchmarks/paper_grids.py --grids test/policies test/modular-obs
+    python benchmarks/export_results.py runs/paper/test/* benchmarks/results/test
 
-The output is a results folder for `bench report`, `bench compare` and `load_results_table`. Prints the median time per
-cell; the median is robust against other load on the machine.
+The output has one results folder per run, of the same name, without the figures of the cells, for `bench report`,
+`bench compare` and `load_results_table`. Paths in the working directory become relative. Runs need not be finished: the
+tables say how many cells they have. Prints the median time per cell, which other load on the machine changes little.
 """
 
 import argparse
-import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,45 +20,60 @@ from autonerf_lab.benchmark.export import export_results
 from autonerf_lab.benchmark.figures import coverage_curves, scores_over_policies
 from autonerf_lab.benchmark.grid import label
 from autonerf_lab.benchmark.results_table import load_results_table
+from autonerf_lab.utils import storage
 
-NOT_EXPORTED = "scores.parquet"  # the same rows as scores.csv
+NOT_EXPORTED = ("scores.csv", "scores.parquet")  # `bench report` writes them
 
 
-def trajectories(results: Results) -> Figure:
-    """Plot the trajectories of all policies from one start in one scene in top view."""
-    cells = [cell for cell in results.grid.cells() if (cell.scene, cell.start) == (results.grid.scenes[0], 0)]
-    columns = (len(cells) + 1) // 2
-    figure = Figure(figsize=(3.2 * columns, 7), layout="constrained")
-    axes = figure.subplots(2, columns, squeeze=False).ravel()
+def trajectories(runs: list[Results]) -> Figure | None:
+    """Plot the trajectory of each policy from one start in one scene in top view; None for runs without figures."""
+    scene = runs[0].grid.scenes[0]
+    files = {
+        label(cell.policy): run.path / "figures" / f"{cell.name}_trajectory.webp"
+        for run in runs
+        for cell in run.grid.cells()
+        if (cell.scene, cell.start) == (scene, 0) and not cell.conditions
+    }
+    shown = {policy: file for policy, file in files.items() if file.exists()}
+    if not shown:
+        return None
+    columns = min(6, (len(shown) + 1) // 2)
+    rows = -(-len(shown) // columns)
+    figure = Figure(figsize=(3.2 * columns, 3.5 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for ax in axes:
         ax.axis("off")
-    for ax, cell in zip(axes, cells, strict=False):
-        ax.imshow(image.imread(results.path / "figures" / f"{cell.name}_trajectory.webp"))
-        ax.set_title(label(cell.policy))
+    for ax, (policy, file) in zip(axes, shown.items(), strict=False):
+        ax.imshow(image.imread(file))
+        ax.set_title(policy)
     return figure
+
+
+def copy_cells(run: Results, out: Path) -> None:
+    """Copy the grid and the finished cells of a run, with paths relative to the working directory."""
+    finished = [run.cell_file(outcome.cell) for outcome in run.outcomes() if outcome.finished]
+    for file in [run.path / "grid.json", *finished]:
+        text = file.read_text(encoding="utf-8").replace(f"{Path.cwd()}/", "")
+        storage.write_bytes(out / file.relative_to(run.path), text.encode())
 
 
 def main() -> None:
     """Copy the cells, write the tables and draw the plots."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, help="results folder of `bench run`")
+    parser.add_argument("runs", type=Path, nargs="+", help="results folders of `bench run`")
     parser.add_argument("out", type=Path, help="output folder")
     arguments = parser.parse_args()
-    results = load_results(arguments.run)
-    found = load_results_table(results)
-    finished = sum(outcome.finished for outcome in found.outcomes)
-    if finished < found.cell_count:
-        sys.exit(f"{finished} of {found.cell_count} cells are finished: finish the grid first")
-
-    (arguments.out / "cells").mkdir(parents=True, exist_ok=True)
-    for name in ["grid.json", *(f"cells/{cell.name}.json" for cell in results.grid.cells())]:
-        shutil.copyfile(results.path / name, arguments.out / name)
+    runs = [load_results(path) for path in arguments.runs]
+    for run in runs:
+        copy_cells(run, arguments.out / run.path.name)
+    found = load_results_table(*(load_results(arguments.out / run.path.name) for run in runs))
     for file in export_results(found, arguments.out):
-        if file.name == NOT_EXPORTED:
+        if file.name in NOT_EXPORTED:
             file.unlink()
     scores_over_policies(found).savefig(arguments.out / "scores.png", dpi=70)
     coverage_curves(found).savefig(arguments.out / "curves.png", dpi=70)
-    trajectories(results).savefig(arguments.out / "trajectories.jpg", dpi=110)
+    if (figure := trajectories(runs)) is not None:
+        figure.savefig(arguments.out / "trajectories.jpg", dpi=110)
 
     seconds = [outcome.seconds for outcome in found.outcomes]
     print(f"{len(seconds)} cells; {np.median(seconds):.0f} s each (median), {sum(seconds) / 3600:.1f} h in total")

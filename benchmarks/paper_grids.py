@@ -4,10 +4,10 @@
     python benchmarks/paper_grids.py --grids test/policies  # one of them
     python benchmarks/paper_grids.py --quick  # two small cells, as a check of the script
 
-Each grid has a results folder of its own under ``--out``. ``test`` compares the policies in the twenty test apartments,
-and varies models, poses and semantics on the trajectories of ``modular-obs``. ``val`` has five starts in the five
-validation apartments, for the correlations of rewards with scores, and fine-tuning in four of them. ``houses`` are the
-five homes of 180 to 300 m².
+Each grid has a results folder of its own under ``--out``, in groups. ``test`` compares the policies in the twenty test
+apartments, and varies models, poses and semantics on the trajectories of ``modular-obs``. ``val`` has five starts in
+the five validation apartments, for the correlations of rewards with scores. ``finetuning`` has four of these
+apartments, and ``houses`` the five homes of 180 to 300 m². `export_results.py` makes the tables of a group.
 
 Prints the number of finished cells of each grid and, as the last line, one JSON object.
 """
@@ -29,21 +29,23 @@ IMITATIONS = tuple(str(TRAINED / f"{policy}-imitation.safetensors") for policy i
 FIELD = Grid((OURS,), ("test",), 1)
 NOISE = replace(FIELD, noise="ans", depth_noise="redwood")
 
+# Alphabetical in each group: tables of a group have the rows in this order, and compare with the first row of a policy.
 GRIDS = {
+    f"test/{OURS}": replace(FIELD, optional=("navigation",), baselines=True),
     "test/policies": Grid(
         (*(name for name in PAPER_POLICIES if name != OURS), "paper-obs", *IMITATIONS, "oracle-obs"), ("test",), 1
     ),
-    f"test/{OURS}": replace(FIELD, optional=("navigation",), baselines=True),
-    "test/models": replace(
+    "test/with-estimated-poses": replace(NOISE, poses="estimated"),
+    "test/with-odometry": replace(NOISE, poses="odometry"),
+    "test/with-other-models": replace(
         FIELD, models=("instant-ngp", "semantic-nerf", "semantic-nerfacto-rgbd", "instant-ngp-rgbd")
     ),
-    "test/odometry": replace(NOISE, poses="odometry"),
-    "test/estimated": replace(NOISE, poses="estimated"),
-    "test/refined": replace(NOISE, poses="refined"),
-    "test/predicted": replace(FIELD, semantics="predicted"),
+    "test/with-predicted-semantics": replace(FIELD, semantics="predicted"),
+    "test/with-refined-poses": replace(NOISE, poses="refined"),
+    "test/with-true-poses": replace(NOISE, poses="true"),
     "val/policies": Grid(("frontier-classic", *MODULAR), ("val",), 5),
-    "val/finetuning": Grid((OURS,), tuple(scene_names("val")[:4]), 1, optional=("finetuning",)),
-    "houses/policies": Grid((OURS,), ("house",), 1),
+    f"finetuning/{OURS}": Grid((OURS,), tuple(scene_names("val")[:4]), 1, optional=("finetuning",)),
+    f"houses/{OURS}": Grid((OURS,), ("house",), 1),
 }
 
 

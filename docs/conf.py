@@ -32,7 +32,7 @@ PAGES = {
     "ablation": "benchmarks/ablation.md",
     "changelog": "CHANGELOG.md",
     "committed_grid": "benchmarks/results/README.md",
-    "committed_tables": "benchmarks/results/tables.md",
+    "committed_tables": "benchmarks/results/val-0.1/tables.md",
     "contributing": "CONTRIBUTING.md",
     "evaluator_plugin": "examples/evaluator_plugin/README.md",
     "policy_plugin": "examples/policy_plugin/README.md",
