@@ -1,4 +1,4 @@
-"""Exploration benchmark: coverage (task 8 of the protocol) and speed of every policy.
+"""Exploration benchmark: coverage of the map and speed of every policy.
 
     python benchmarks/exploration.py                          # development scenes, 2 starts: about an hour
     python benchmarks/exploration.py --split val --starts 5 --plot docs/coverage.png
@@ -9,7 +9,7 @@ Coverage: share of the visible quantity after 10, 25, 50 and 100 % of the steps,
 over scenes with 95 % intervals (Student's t on scene means). Each learned policy is compared with its baselines, paired
 by scene and start, by the area under the curve of the quantity it was trained for. Baselines are its own untrained
 network, and frontier and random waypoints for policies with waypoints, random actions for the others. Curiosity,
-novelty and reconstruction are compared by explored area. Upper bounds are greedy oracles with ground truth
+novelty and reconstruction are compared by explored area. References are greedy oracles with ground truth
 (``oracle-cov`` etc., one per quantity). Each rollout is saved as a JSON file under ``--cells``; an interrupted run
 resumes there, and changed weights are evaluated again.
 

@@ -27,8 +27,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from fuzz_mutants import mutant
-from fuzz_sources import make_sources
+from common.fuzz_mutants import mutant
+from common.fuzz_sources import make_sources
 from PIL import Image
 from stable_baselines3.common.vec_env import VecEnv
 

@@ -7,7 +7,7 @@
 Each grid has a results folder of its own under ``--out``, in groups. ``test`` compares the policies in the twenty test
 apartments, and varies models, poses and semantics on the trajectories of ``modular-obs``. ``val`` has five starts in
 the five validation apartments, for the correlations of rewards with scores. ``finetuning`` has four of these
-apartments, and ``houses`` the five homes of 180 to 300 m². `export_results.py` makes the tables of a group.
+apartments, and ``houses`` the five homes of 180 to 300 m². `results/export.py` makes the tables of a group.
 
 Prints the number of finished cells of each grid and, as the last line, one JSON object.
 """

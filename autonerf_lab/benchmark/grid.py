@@ -215,7 +215,7 @@ def label(name: str) -> str:
 
 
 def paper_grid(preset_name: str = "fast") -> Grid:
-    """Return the grid of the paper, plus ``random``: five validation scenes, five start poses each."""
+    """Return the grid of the paper, plus ``random`` and our ``frontier``: five validation scenes, five starts."""
     return Grid(PAPER_POLICIES, ("val",), 5, preset=preset_name)
 
 

@@ -1,4 +1,4 @@
-"""Oracles: greedy policies that know the complete map of the scene, as upper bounds of exploration."""
+"""Oracles: greedy policies that know the complete map of the scene, as references of exploration."""
 
 import numpy as np
 from numba import njit

@@ -21,8 +21,8 @@ def runs_of(group: Path) -> list[Path]:
 
 
 def export(monkeypatch: pytest.MonkeyPatch, runs: list[Path], out: Path) -> None:
-    monkeypatch.setattr(sys, "argv", ["export_results.py", *map(str, runs), str(out)])
-    runpy.run_path(str(BENCHMARKS / "export_results.py"), run_name="__main__")
+    monkeypatch.setattr(sys, "argv", ["export.py", *map(str, runs), str(out)])
+    runpy.run_path(str(BENCHMARKS / "results/export.py"), run_name="__main__")
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=lambda group: group.name)

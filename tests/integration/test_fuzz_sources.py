@@ -4,7 +4,7 @@ from pathlib import Path
 
 import fuzz
 import pytest
-from fuzz_sources import make_sources
+from common.fuzz_sources import make_sources
 
 
 @pytest.mark.filterwarnings("ignore")

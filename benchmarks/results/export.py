@@ -1,7 +1,7 @@
 """Export results folders for a repository: their cells, and tables and plots of all of them together.
 
     python benchmarks/paper_grids.py --grids test/policies test/modular-obs
-    python benchmarks/export_results.py runs/paper/test/* benchmarks/results/test
+    python benchmarks/results/export.py runs/paper/test/* benchmarks/results/test
 
 The output has one results folder per run, of the same name, without the figures of the cells, for `bench report`,
 `bench compare` and `load_results_table`. Paths in the working directory become relative. Runs need not be finished: the
