@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import re
 import shutil
 import time
 import traceback
@@ -71,9 +70,7 @@ def _attempt(cell: Cell, results: Results, save_run: bool, lpips: str | None, de
             raise DataError(f"{error}; finished cells are saved, run the same command again to continue") from error
         with contextlib.suppress(OSError):  # the log may be on a full disk; the outcome is more important
             traceback.print_exc()
-        if isinstance(error, MemoryError):
-            return Outcome(cell, f"oom: {error}")
-        kind = "oom" if re.search("not enough memory|out of memory|allocate", str(error)) else "failed"
+        kind = "oom" if resources.is_out_of_memory(error) else "failed"
         return Outcome(cell, f"{kind}: {type(error).__name__}: {error}")
 
 

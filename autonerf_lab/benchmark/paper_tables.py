@@ -13,20 +13,13 @@ from autonerf_lab.benchmark.results_table import ResultsTable, Row
 from autonerf_lab.benchmark.statistics import Interval, holm
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.errors import UnknownNameError
-from autonerf_lab.evaluators.metrics import Key, Metric, metrics_of
+from autonerf_lab.evaluators.metrics import BASELINES, Key, Metric, metrics_of
 
 SIGNIFICANT = 0.05  # p-value
 SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed in the table
 OURS = "modular-obs"  # policy of the paper in experiments that do not compare policies
 _CORRECTED = "bold: p < 5 % after Holm's correction over the differences of the table"
 REFERENCES = ("frontier-classic", "frontier", "random")
-BASELINES = {  # of a cell
-    "upstream": "the field by the definitions of the code that was released with the paper",
-    "oracle": "the true geometry",
-    "nearest_view": "the nearest training view in place of a rendering",
-    "tsdf": "the mesh of the fused depth images",
-    "fused_labels": "the labels of the frames, fused in a point cloud",
-}
 _BOUNDS = "oracle-"  # policies that know the scene: not compared with the others
 
 

@@ -20,6 +20,7 @@ from typing import Any
 from autonerf_lab.course.checker import Exercise
 from autonerf_lab.course.notebooks import notebook_paths
 from autonerf_lab.errors import DataError, UnknownNameError
+from autonerf_lab.utils import storage
 
 CONTEXT, IMPORTS, ANSWER = "context", "imports", "answer"
 SKIP_TAGS = ["skip-execution", "otter_ignore"]  # of nbclient and of otter-grader
@@ -42,10 +43,22 @@ def select_notebooks(numbers: Iterable[str] | None = None) -> list[Path]:
         UnknownNameError: There is no notebook of a number; the message lists the numbers.
     """
     paths = {path.name[:2]: path for path in notebook_paths()}
-    for number in numbers or ():
+    chosen = list(paths if numbers is None else numbers) or list(paths)
+    for number in chosen:
         if number not in paths:
             raise UnknownNameError("notebook", number, paths)
-    return [paths[number] for number in numbers or paths]
+    return [paths[number] for number in chosen]
+
+
+def write_notebook(notebook: Any, path: Path) -> None:
+    """Write a notebook, and the folder that it is in.
+
+    Raises:
+        DataError: The file cannot be written.
+    """
+    import nbformat
+
+    storage.write_bytes(path, nbformat.writes(notebook).encode())
 
 
 def parts_of(notebook: Any, exercises: dict[str, Exercise], begin: str, end: str) -> list[Part]:

@@ -9,9 +9,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from autonerf_lab.course.assignments import ANSWER, IMPORTS, Part, parts_of, points_of, select_notebooks
+from autonerf_lab.course.assignments import ANSWER, IMPORTS, Part, parts_of, points_of, select_notebooks, write_notebook
 from autonerf_lab.course.checker import Exercise
 from autonerf_lab.errors import DataError, MissingPackageError
+from autonerf_lab.utils import storage
 
 _CONFIG = '''\
 """Settings of nbgrader for this course folder."""
@@ -53,10 +54,8 @@ def export_nbgrader(out: Path, exercises: dict[str, Exercise], numbers: Iterable
     for path in paths:
         notebook = nbformat.read(path, as_version=4)
         notebook.cells = _cells(parts_of(notebook, exercises, "### BEGIN SOLUTION", "### END SOLUTION"))
-        target = out / "source" / path.stem / path.name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        nbformat.write(notebook, target)
-    (out / "nbgrader_config.py").write_text(_CONFIG, encoding="utf-8")
+        write_notebook(notebook, out / "source" / path.stem / path.name)
+    storage.write_bytes(out / "nbgrader_config.py", _CONFIG.encode())
 
     for path in paths:
         _generate(out, path.stem)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from autonerf_lab.course.assignments import ANSWER, Part, parts_of, select_notebooks
+from autonerf_lab.course.assignments import ANSWER, Part, parts_of, select_notebooks, write_notebook
 from autonerf_lab.course.checker import Exercise
 from autonerf_lab.errors import DataError, MissingPackageError
 
@@ -67,8 +67,7 @@ def export_otter(out: Path, exercises: dict[str, Exercise], numbers: Iterable[st
         parts = parts_of(notebook, exercises, "# BEGIN SOLUTION", "# END SOLUTION")
         notebook.cells = _cells(path.stem, parts)
         source = out.resolve() / "source" / path.name
-        source.parent.mkdir(parents=True, exist_ok=True)
-        nbformat.write(notebook, source)
+        write_notebook(notebook, source)
         log = io.StringIO()
         try:
             with contextlib.redirect_stdout(log):

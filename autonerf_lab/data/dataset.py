@@ -18,6 +18,8 @@ from autonerf_lab.data.transforms import read_path
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
 
+BY_FRAME = ("time_stamps", "refined_covariance")  # keys of the metadata with one entry per frame
+
 
 @dataclass(frozen=True, eq=False)  # equality of arrays has no single truth value
 class Dataset:
@@ -140,6 +142,9 @@ class Dataset:
         return listed
 
     def _take(self, frames: Sequence[int]) -> "Dataset":
+        by_frame = {
+            key: [self.meta[key][t] for t in frames] for key in BY_FRAME if len(self.meta.get(key) or ()) == len(self)
+        }
         return replace(
             self,
             poses=self.poses[frames],
@@ -151,6 +156,7 @@ class Dataset:
             confidences=self.confidences and [self.confidences[t] for t in frames],
             names=[self.names[t] for t in frames],
             true_poses=None if self.true_poses is None else self.true_poses[frames],
+            meta=self.meta | by_frame,
         )
 
 

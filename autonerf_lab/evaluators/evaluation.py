@@ -125,12 +125,13 @@ def evaluate(
     if nearest is not None and "rendering" in names:  # the baseline has no other method than render
         context = EvaluationContext(nearest, scene, settings, seed, lpips=lpips)
         scores.baselines["nearest_view"] = _score(context, [TASKS["rendering"]], False)
-    if isinstance(trajectory, Trajectory) and trajectory.depth is not None and "mesh" in names:
-        scores.baselines["tsdf"] = fused_scores(nerf, scene, settings, seed, trajectory)
-    if isinstance(trajectory, Trajectory) and trajectory.confidence is not None and "rendering" in names:
-        fused: Any = FusedLabels(nerf, trajectory)
-        context = EvaluationContext(fused, scene, settings, seed, lpips=lpips)
-        scores.baselines["fused_labels"] = _score(context, [TASKS["rendering"]], False)
+    if isinstance(trajectory, Trajectory) and trajectory.depth is not None:
+        if "mesh" in names:
+            scores.baselines["tsdf"] = fused_scores(nerf, scene, settings, seed, trajectory)
+        if trajectory.confidence is not None and "rendering" in names:
+            fused: Any = FusedLabels(nerf, trajectory)
+            context = EvaluationContext(fused, scene, settings, seed, lpips=lpips)
+            scores.baselines["fused_labels"] = _score(context, [TASKS["rendering"]], False)
     if oracle:
         names = [name for name in names if name in DEFAULT_TASKS]
         scores.baselines["oracle"] = _oracle_scores(scene, settings, seed, names, progress, lpips)

@@ -128,6 +128,13 @@ _PROTOCOL = (
     Metric("exploration", "path_length_m", "m", "Path length", 0),
     *(Metric("reward", name, "m2", f"Summed reward {name}", 1) for name in ("cov", "obs", "sem", "view")),
 )
+BASELINES = {  # of a run or cell, with their meaning
+    "upstream": "the field by the definitions of the code that was released with the paper",
+    "nearest_view": "the nearest training view in place of a rendering",
+    "tsdf": "the mesh of the fused depth images",
+    "fused_labels": "the labels of the frames, fused in a point cloud",
+    "oracle": "the true geometry, an upper bound",
+}
 METRICS: dict[Key, Metric] = {metric.key: metric for metric in _PROTOCOL}
 
 

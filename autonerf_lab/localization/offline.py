@@ -58,7 +58,11 @@ def estimate_poses(trajectory: Trajectory, estimator: str = "pose-graph") -> Tra
     actions, noise = meta.get("actions"), meta.get("noise")
     if not isinstance(actions, list) or len(actions) < len(trajectory) - 1 or not isinstance(noise, dict):
         raise DataError("poses can be estimated only for trajectories of lab.explore: 'actions' or 'noise' is missing")
-    chosen = ESTIMATORS[estimator](trajectory.intrinsics, OdometryModel.from_noise(MotionNoise(**noise)))
+    try:
+        model = OdometryModel.from_noise(MotionNoise(**noise))
+    except TypeError as error:
+        raise DataError(f"the noise of the trajectory has other keys than those of this version: {error}") from error
+    chosen = ESTIMATORS[estimator](trajectory.intrinsics, model)
     blank = np.zeros(depth.shape[1:], np.uint8)
     observations = (Observation(blank, image, blank, pose) for image, pose in zip(depth, odometry, strict=True))
     chosen.start(next(observations))

@@ -29,6 +29,7 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings, scaled_to_area
 from autonerf_lab.nerf.tensorboard import TensorBoardLog
 from autonerf_lab.nerf.visibility import VOXEL, Visibility, carve
+from autonerf_lab.utils.resources import is_out_of_memory
 
 PATIENCE = 10  # skipped batches in a row before the state returns to a snapshot
 MAX_RETRIES = 3  # returns before the training stops
@@ -131,8 +132,8 @@ def fit(
         poses = data.poses if built.pose_offsets is None else built.pose_offsets.corrected(data.poses, frame.unit)
         built.set_progress(1.0)
         visibility = _visibility(built, pixels, data.metric, seed)
-    except (MemoryError, RuntimeError) as error:
-        if not isinstance(error, MemoryError) and type(error).__name__ != "OutOfMemoryError":  # of torch
+    except Exception as error:
+        if not is_out_of_memory(error):
             raise
         raise TrainingError(
             f"not enough memory for {spec.name} ({error}); lower rays, samples or log2_entries in its settings, or use "
@@ -186,15 +187,12 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
 
 
 def _fingerprint(data: Dataset) -> str:
-    """Return a hash of the poses, intrinsics and images."""
+    """Return a hash of the poses, intrinsics, images and layers."""
     digest = hashlib.sha256(data.poses.tobytes())
     digest.update(repr(data.intrinsics).encode())
-    for image in (*data.images, *(data.masks or ())):
-        digest.update(image.tobytes())
-    for layer in (*(data.semantics or ()), *data.confidences) if data.confidences else ():
-        digest.update(layer.tobytes())
-    for depth in data.depths or []:
-        digest.update(depth.tobytes())
+    for layers in (data.images, data.masks, data.semantics, data.confidences, data.depths):
+        for layer in layers or ():
+            digest.update(layer.tobytes())
     return digest.hexdigest()
 
 

@@ -1,6 +1,7 @@
 """Run folder from a saved trajectory: ``autonerf-lab adopt TRAJECTORY --scene SCENE --out RUN``."""
 
 import time
+from math import atan, degrees
 from pathlib import Path
 
 from autonerf_lab.data.trajectory import load_trajectory
@@ -61,6 +62,7 @@ def adopt_trajectory(
         steps=len(trajectory),
         width=camera.width,
         height=camera.height,
+        hfov_deg=round(degrees(2 * atan(camera.width / 2 / camera.fl_x)), 6),
     )
     out = Path(out)
     with locked(out):

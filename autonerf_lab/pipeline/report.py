@@ -15,14 +15,13 @@ from PIL import Image
 from autonerf_lab import __version__
 from autonerf_lab.data.images import data_url
 from autonerf_lab.errors import DataError
-from autonerf_lab.evaluators.metrics import METRICS, Metric
+from autonerf_lab.evaluators.metrics import BASELINES, METRICS, Metric
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.tasks import TASKS, available, metric_of
 from autonerf_lab.pipeline.gallery import StoredFigure, read_gallery
 from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, RunFolder
 from autonerf_lab.utils import storage
 
-BASELINES = ("nearest_view", "tsdf", "oracle")
 HEADLINES = (
     ("rendering", "psnr"),
     ("rendering", "per_class_accuracy"),
@@ -79,7 +78,8 @@ def render(run: RunFolder) -> str:
     import jinja2
 
     scores = Scores.load(run / "scores.json")
-    baselines = {name: _baseline(run, name) for name in BASELINES}
+    paths = {name: run / f"baselines/{name}.json" for name in BASELINES}
+    baselines = {name: Scores.load(path) for name, path in paths.items() if path.exists()}
     source = (files("autonerf_lab.pipeline") / "report.html.jinja").read_text(encoding="utf-8")
     template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(source)
     config = run.config
@@ -90,6 +90,7 @@ def render(run: RunFolder) -> str:
         sections=_sections(run, scores),
         tiles=_tiles(scores),
         table=score_table(scores, baselines),
+        baselines={name.replace("_", " "): BASELINES[name] for name in baselines},
         statuses={row.status for rows in (scores, *baselines.values()) for row in rows},
         cost=_cost(run),
         total_seconds=f"{sum(row['seconds'] for row in run.stages.values()):.0f}",
@@ -150,11 +151,6 @@ def score_table(scores: Scores, baselines: dict[str, Scores]) -> list[dict[str, 
 def _title(name: str) -> str:
     task = TASKS.get(name) or available().get(name)
     return task.title if task else name.replace("_", " ").capitalize()
-
-
-def _baseline(run: RunFolder, name: str) -> Scores:
-    path = run / f"baselines/{name}.json"
-    return Scores.load(path) if path.exists() else Scores()
 
 
 def _tiles(scores: Scores) -> list[dict[str, str]]:

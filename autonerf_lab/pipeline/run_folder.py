@@ -233,8 +233,10 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
             if differences:
                 refusal = RunFolderError(f"{path} holds another run ({'; '.join(differences)}); {_WAY_OUT}")
             elif all(run.finished(stage) for stage in STAGES[: STAGES.index(last) + 1]):
-                made = path / {"explore": "trajectory", "evaluate": "scores.json", "report": "report.html"}[last]
-                refusal = RunFolderError(f"{path} holds a finished run ({made}); {_WAY_OUT}")
+                made = {"explore": "trajectory", "evaluate": "scores.json", "report": "report.html"}.get(
+                    last, "run.json"
+                )
+                refusal = RunFolderError(f"{path} holds a finished run ({path / made}); {_WAY_OUT}")
             else:
                 return run
         except (DataError, RunFolderError) as error:

@@ -70,6 +70,8 @@ def import_scene(
     elif path.suffix.lower() == ".json":
         from autonerf_lab.scenes.houseexpo import import_houseexpo
 
+        if up is not None or aliases is not None:
+            raise SceneError(f"{path} is a floor plan: leave out up and aliases")
         return import_houseexpo(path)
     else:
         parts, reason = load_parts(path), f"{up}, as asked for" if up else ""

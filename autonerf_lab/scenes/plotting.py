@@ -75,14 +75,21 @@ def top_view(scene: Scene, pixels_per_metre: float = 40.0, cut: float = 2.0) -> 
     return image, origin
 
 
+def plot_scale(scene: Scene) -> float:
+    """Return the pixels per metre of plots: 60, or fewer for a scene that would exceed MAX_SIDE."""
+    extent = float((scene.bounds[1] - scene.bounds[0])[:2].max()) + 0.2
+    return min(60.0, (MAX_SIDE - 1) / extent)
+
+
 def plot_scene(scene: Scene, ax: "Axes | None" = None) -> "Axes":
     """Plot the top view of a scene on axes in metres; create the axes if none are given."""
     import matplotlib.pyplot as plt
 
     if ax is None:
         _, ax = plt.subplots(figsize=(7, 7))
-    image, origin = top_view(scene, 60.0)
-    extent = (origin[0], origin[0] + image.shape[1] / 60, origin[1], origin[1] + image.shape[0] / 60)
+    scale = plot_scale(scene)
+    image, origin = top_view(scene, scale)
+    extent = (origin[0], origin[0] + image.shape[1] / scale, origin[1], origin[1] + image.shape[0] / scale)
     ax.imshow(image, extent=extent)
     ax.set(xlabel="x (m)", ylabel="y (m)", title=scene.name, aspect="equal")
     return ax

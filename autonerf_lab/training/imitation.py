@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from autonerf_lab.envs.explore import ExploreEnv
+from autonerf_lab.errors import DataError
 from autonerf_lab.policies.frontier import Frontier
 from autonerf_lab.policies.interfaces import WINDOW_METRES, PolicyInterface, waypoint_finished, waypoint_reached
 from autonerf_lab.policies.spec import spec_of
@@ -98,6 +99,8 @@ def demonstrate(
         for k in reversed(range(len(rewards))):
             sums[k] += settings.gamma ** durations[k] * sums[k + 1]
         returns += [sums[k] for k in chosen]
+    if not observations:
+        raise DataError("no decision of the demonstrations had an action; set demonstrations=0, or use more of them")
     stacked = {name: np.stack([obs[name] for obs in observations]) for name in observations[0]}
     symmetric = spec_of(settings.network).symmetric
     return Demonstrations(stacked, np.array(actions), np.array(returns, np.float32), symmetric)

@@ -277,4 +277,4 @@ def test_error_inside_a_real_cell_is_its_status(tmp_path, monkeypatch):
     with pytest.raises(DataError, match=r"No space left on device.*finished cells are saved"):
         run_grid(GRID, tmp_path / "out", workers=0)
     found = [outcome.status for outcome in load_results(tmp_path / "out").outcomes()]
-    assert found == ["oom: nothing left", "failed: ValueError: odd"]
+    assert found == ["oom: MemoryError: nothing left", "failed: ValueError: odd"]

@@ -84,6 +84,7 @@ def test_points_of_an_answer(capsys):
 def test_unknown_names_and_missing_tools(tmp_path, monkeypatch):
     with pytest.raises(UnknownNameError, match="unknown notebook '99'"):
         select_notebooks(["99"])
+    assert select_notebooks(iter(["06", "00"])) == [PATHS[6], PATHS[0]] and select_notebooks() == PATHS
     with pytest.raises(UnknownNameError, match="unknown grading tool 'moodle'"):
         course.export("moodle", tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)

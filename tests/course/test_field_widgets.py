@@ -102,6 +102,11 @@ def test_an_error_in_the_background_is_shown_in_the_figure():
     training.buttons["train on"].click()
     training._thread.join()
     assert training.figure().get_supxlabel() == r"ValueError: a \$ sign"
+    training._step = lambda: (0.0, 0.01)
+    training.buttons["train on"].click()
+    wait_for(lambda: training.psnr)
+    training.buttons["stop"].click()
+    assert training.figure().get_supxlabel() == "", "the error of the last attempt is gone"
 
 
 @pytest.fixture

@@ -85,6 +85,13 @@ def test_missing_images_are_counted(capture):
         load_dataset(capture)
 
 
+def test_a_path_that_is_no_folder_and_no_json_file_is_named(capture):
+    with pytest.raises(DataError, match=r"a\.png is no JSON file; give a folder"):
+        load_dataset(capture / "a.png")
+    with pytest.raises(DataError, match=r"gone does not exist; give a folder"):
+        load_dataset(capture / "gone")
+
+
 @pytest.mark.parametrize("damage", ["truncated", "text", "empty", "flipped"])
 def test_a_damaged_image_is_named(capture, damage):
     file = capture / "b.png"

@@ -92,12 +92,16 @@ def test_a_saved_trajectory_becomes_a_run(tmp_path: Path) -> None:
     from autonerf_lab.pipeline import load_finished_trajectory, run_stage
     from autonerf_lab.pipeline.run_folder import load_run
 
-    sim = lab.Simulator(lab.load_scene("train-04"), Intrinsics.from_fov(48, 48), supersample=1)
+    sim = lab.Simulator(lab.load_scene("train-04"), Intrinsics.from_fov(48, 48, 60), supersample=1)
     trajectory = lab.explore(sim, "random", 12, progress=False)
     trajectory.save(tmp_path / "saved")
     run = lab.adopt_trajectory(tmp_path / "saved", tmp_path / "run", preset_name="smoke", model="instant-ngp")
     assert list(load_run(run).stages) == ["scene", "explore"]
     np.testing.assert_array_equal(load_finished_trajectory(run).rgb, trajectory.rgb)
+    config = load_run(run).config
+    assert (config.width, config.height, config.hfov_deg) == (48, 48, 60), (
+        "test views have the camera of the trajectory"
+    )
     run_stage(run, "fit")
     assert (run / "nerf/nerf.json").exists()
     with pytest.raises(RunFolderError, match="holds a finished run"):

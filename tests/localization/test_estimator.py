@@ -191,6 +191,8 @@ def test_what_cannot_be_estimated_is_refused(sim, recorded):
         estimate_poses(replace(recorded, depth=None))
     with pytest.raises(DataError, match="'actions' or 'noise' is missing"):
         estimate_poses(replace(recorded, meta={}))
+    with pytest.raises(DataError, match=r"noise of the trajectory has other keys.*'wind'"):
+        estimate_poses(replace(recorded, meta=recorded.meta | {"noise": {"wind": 1}}))
     with pytest.raises(DataError, match="there are no 'odometry' poses, only true"):
         estimate_poses(replace(recorded, pose_source="true", other_poses={}))
     with pytest.raises(DataError, match="there are no 'refined' poses"):

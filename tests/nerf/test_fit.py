@@ -93,9 +93,10 @@ def test_resumed_training_has_the_same_bits(
         np.testing.assert_array_equal(value, resumed.model.parameters[name], err_msg=name)
     with pytest.raises(RunFolderError, match="seed"):
         fit(trajectory, settings=settings, preset="smoke", seed=1, progress=False, checkpoint=tmp_path)
-    with pytest.raises(RunFolderError, match="views"):
-        other = replace(trajectory, rgb=trajectory.rgb[::-1].copy())
-        fit(other, settings=settings, preset="smoke", progress=False, checkpoint=tmp_path)
+    for layer in ("rgb", "semantics"):
+        other = replace(trajectory, **{layer: getattr(trajectory, layer)[::-1].copy()})
+        with pytest.raises(RunFolderError, match="views"):
+            fit(other, settings=settings, preset="smoke", progress=False, checkpoint=tmp_path)
 
 
 def test_save_and_load(field: NeRF, trajectory: Trajectory, tmp_path: Path) -> None:

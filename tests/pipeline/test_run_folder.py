@@ -53,6 +53,8 @@ def test_finished_run_is_refused_and_kept(tmp_path):
     before = (tmp_path / "run.json").read_bytes()
     with pytest.raises(RunFolderError, match=r"finished run \(.*report.html\); choose another --out.*--overwrite"):
         open_run(tmp_path, CONFIG)
+    with pytest.raises(RunFolderError, match=r"finished run \(.*run.json\)"):
+        open_run(tmp_path, CONFIG, last="fit")
     assert (tmp_path / "run.json").read_bytes() == before
 
 

@@ -105,6 +105,8 @@ def test_every_room_can_be_reached(tmp_path, plan, seed):
 def test_an_imported_plan_can_be_explored_and_saved(tmp_path):
     path = written(tmp_path, traced())
     scene = lab.import_scene(path)
+    with pytest.raises(SceneError, match="is a floor plan: leave out up and aliases"):
+        lab.import_scene(path, up="y")
     assert dumps(scene.spec) == dumps(import_houseexpo(path).spec) != dumps(import_houseexpo(path, seed=1).spec)
     sim = lab.Simulator(scene, lab.geometry.Intrinsics.from_fov(32, 32), rgb=False)
     trajectory = lab.explore(sim, "frontier", steps=20, progress=False)

@@ -1,5 +1,7 @@
 """Generated apartments: reproducible, complete, navigable and textured everywhere; frozen scenes are unchanged."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapely.geometry import Polygon
@@ -11,6 +13,7 @@ from autonerf_lab.scenes.freeze import FIRST_SEED, mesh_sha256, seed_of
 from autonerf_lab.scenes.generator import STAGES, generate_spec
 from autonerf_lab.scenes.layout import Layout
 from autonerf_lab.scenes.library import SPLITS
+from autonerf_lab.scenes.plotting import MAX_SIDE, plot_scale
 from autonerf_lab.scenes.spec import dumps
 from autonerf_lab.scenes.tessellation import MARGIN, pack, tessellate
 
@@ -133,6 +136,13 @@ def test_top_view_shows_the_floor(apartment: Scene) -> None:
     pixel = image[row, int((x - origin[0]) * 20)]
     assert tuple(pixel) != (255, 255, 255)
     assert tuple(image[0, 0]) == (255, 255, 255)
+
+
+def test_plots_of_large_scenes_have_fewer_pixels(apartment: Scene) -> None:
+    assert plot_scale(apartment) == 60
+    hall = replace(apartment, vertices=apartment.vertices * np.float32([15, 15, 1]))
+    width, height = np.ptp(hall.bounds, axis=0)[:2] * plot_scale(hall)
+    assert MAX_SIDE - 50 < max(width, height) < MAX_SIDE
 
 
 def test_plot_has_metres(apartment: Scene) -> None:

@@ -54,7 +54,7 @@ class Drive(LiveFigure):
     def start(self, button: object = None) -> None:
         """Restart the episode from its start pose."""
         observation, _ = self._env.reset(seed=self._seed)
-        self._rgb, self._over, self._error = observation["rgb"], False, ""
+        self._rgb, self._over, self.error = observation["rgb"], False, ""
         self.rewards: list[float] = []  # the reward of each step
         self._path = [observation["pose"][:2, 3]]
         self.refresh()
@@ -67,7 +67,7 @@ class Drive(LiveFigure):
             try:
                 observation, reward, _, self._over, _ = self._env.step(np.int64(action))
             except RewardError as error:
-                self._over, self._error = True, str(error)
+                self._over, self.error = True, str(error)
                 break
             self._rgb = observation["rgb"]
             self._path.append(observation["pose"][:2, 3])
@@ -92,8 +92,7 @@ class Drive(LiveFigure):
         curve.set(xlabel="step", ylabel=escape_dollars(self._unit))
         curve.set_title(escape_dollars(f"{self._name}: {sum(self.rewards):.2f} in total"), fontsize=10)
         curve.legend(frameon=False, fontsize=8)
-        if self._error:
-            figure.supxlabel(escape_dollars(self._error), color=ORANGE, fontsize=10, wrap=True)
+        self.draw_error(figure)
         return figure
 
     def _press(self, action: Action, button: object) -> None:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from autonerf_lab.utils.extras import NATURAL_SIZE, optional
 from autonerf_lab.viz.alt_text import describe
+from autonerf_lab.viz.figures.style import ORANGE
 
 _DPI = 80
 _SECONDS = 2.0  # between two drawings of a running task: a drawing takes half a second
@@ -29,6 +30,7 @@ class LiveFigure(ABC):
         self.widgets = optional("ipywidgets", "notebooks")
         self._shown = self.widgets.Image(format="png", layout=NATURAL_SIZE)
         self._static: Any = None  # handle of the displayed static image
+        self.error = ""  # what went wrong, shown below the figure
 
     @abstractmethod
     def figure(self) -> Figure:
@@ -52,6 +54,11 @@ class LiveFigure(ABC):
         self._show(data.getvalue())
         if self._static is not None:
             self._static.update(self.static_image())
+
+    def draw_error(self, figure: Figure) -> None:
+        """Write the error below the figure, if there is one."""
+        if self.error:
+            figure.supxlabel(escape_dollars(self.error), color=ORANGE, fontsize=10, wrap=True)
 
     def _show(self, png: bytes) -> None:
         self._shown.value = png
@@ -105,7 +112,7 @@ class BackgroundTask(LiveFigure):
 
     def __init__(self) -> None:
         super().__init__()
-        self.stopped, self._thread, self.error = threading.Event(), threading.Thread(), ""
+        self.stopped, self._thread = threading.Event(), threading.Thread()
         self._drawn = 0.0  # time of the last drawing of the running task, seconds
         self.buttons = {name: self.widgets.Button(description=name) for name in ("train on", "stop")}
         self.buttons["train on"].on_click(self._start)
@@ -131,14 +138,10 @@ class BackgroundTask(LiveFigure):
             self.refresh()
             self._drawn = time.perf_counter()
 
-    def draw_error(self, figure: Figure) -> None:
-        """Write the error that ended the task below the figure, if there is one."""
-        if self.error:
-            figure.supxlabel(escape_dollars(self.error), color="#D55E00", fontsize=10, wrap=True)
-
     def _start(self, button: object) -> None:
         if not self._thread.is_alive():
             self.stopped.clear()
+            self.error = ""
             self._thread = threading.Thread(target=self._run_in_thread, daemon=True)
             self._thread.start()
 

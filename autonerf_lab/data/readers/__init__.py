@@ -71,7 +71,8 @@ def read_frames(path: Path, colmap: Path | None = None) -> PosedFrames:
     if path.suffix == ".json" and path.is_file():
         return read_transforms_json(path)
     if not path.is_dir():
-        raise DataError(f"{path} does not exist; give a folder of posed photographs, or the path of its JSON file")
+        problem = "is no JSON file" if path.is_file() else "does not exist"
+        raise DataError(f"{path} {problem}; give a folder of posed photographs, or the path of its JSON file")
     if colmap is not None:
         return read_colmap(path, colmap)
     form = find_format(path)

@@ -16,6 +16,7 @@ from autonerf_lab.evaluators.ground_truth import TrueMap
 from autonerf_lab.evaluators.planning import SUCCESS_DISTANCE, Episode, EpisodeSet, dilate_obstacles
 from autonerf_lab.evaluators.upstream.maps import MIN_PIECE, large_components
 from autonerf_lab.planning.fast_marching import descend, path_length, travel_distance
+from autonerf_lab.utils.resources import threads
 
 DILATION = 20  # cells, of the predicted map
 OBJECT_DILATION = 25
@@ -68,7 +69,7 @@ def plan_points(free: np.ndarray, episode_set: EpisodeSet, cell: float) -> list[
         reason, length = _judged(path, episode_set, lambda end: float(np.hypot(*(end - goal)) * cell), cell)
         return Episode(start, goal, 0, reason, path, length, float(episode_set.shortest[i]))
 
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(threads()) as pool:
         return list(pool.map(episode, np.flatnonzero(episode_set.shortest > 0).tolist()))
 
 
@@ -90,7 +91,7 @@ def plan_objects(free: np.ndarray, class_cells: np.ndarray, truth: TrueMap, epis
             episodes.append(Episode(start, None, k, reason, path, length, float(episode_set.shortest_object[k, i])))
         return episodes
 
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(threads()) as pool:
         return [episode for group in pool.map(of_class, episode_set.classes) for episode in group]
 
 

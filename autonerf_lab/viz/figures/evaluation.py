@@ -376,9 +376,9 @@ def trajectory_view(scene: "Scene", poses: np.ndarray) -> Figure:
         scene: the scene.
         poses: (T, 4, 4) camera-to-world poses of the trajectory.
     """
-    from autonerf_lab.scenes.plotting import top_view
+    from autonerf_lab.scenes.plotting import plot_scale, top_view
 
-    scale = 60.0  # pixels per metre
+    scale = plot_scale(scene)
     image, corner = top_view(scene, scale)
     high = corner + np.array(image.shape[1::-1]) / scale
     figure = _figure(8, 6.1 * image.shape[0] / image.shape[1] + 0.7)  # the colour bar takes the remaining width
