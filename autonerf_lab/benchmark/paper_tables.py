@@ -124,7 +124,7 @@ def _variants(found: ResultsTable) -> Table:
     title = f"NeRF models on the same trajectories; differences are paired by scene and start, {_CORRECTED}"
     made = _means(found, "variants", title, paper.RENDERING, rows, lambda row: paper.BY_MODEL.get(row[1], {}))
     if not others:
-        return made if made.note else made.noted("One model only; add others with --models.")
+        return made if made.note else replace(made, note="One model only; add others with --models.")
     shown = [metric for metric in paper.RENDERING if metric.heading in made.header]
     pairs = [(row, first, f"{row[1]} − {first[1]}, {policy}") for row in others]
     lines = []

@@ -2,7 +2,7 @@
 
 import html
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 NO_VALUE = "–"
 _LATEX = {
@@ -29,10 +29,6 @@ class Table:
     header: tuple[str, ...]
     rows: tuple[tuple[Entry, ...], ...]
     note: str = ""
-
-    def noted(self, note: str) -> "Table":
-        """Return a copy with another note."""
-        return replace(self, note=note)
 
     def markdown(self) -> str:
         r"""Format as Markdown.

@@ -34,19 +34,10 @@ KNOWN_SURFACES = 1 / 30
 SHARED_ERROR = 0.0025
 LEAST_OVERLAP = 0.15  # of the sampled points of a frame, for a pair
 LEAST_VIEWS = 0.1  # share of the views that must overlap with another
+# Standard deviations of the measurements: of distances (metres, and metres per squared metre of depth), of brightness.
+DISTANCE_NOISE = np.array([0.005, 0.001])
+BRIGHTNESS_NOISE = 0.02
 _ANCHOR = 1e8  # information that holds the first pose
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations of the measurements."""
-
-    distance: float = 0.005  # metres
-    distance_growth: float = 0.001  # metres per squared metre of depth
-    brightness: float = 0.02
-
-
-MEASURED = Noise()
 
 
 @dataclass(frozen=True)
@@ -95,7 +86,6 @@ def adjust(
     """
     axes = PLANAR if planar else SPATIAL
     poses, sigmas = rough.copy(), FIRST_SIGMAS
-    distance_noise = np.array([MEASURED.distance, MEASURED.distance_growth])
     total = sum(len(stage.gates) for stage in STAGES)
     with tqdm(total=total, disable=not progress, desc="refine poses", unit="step") as bar:
         for stage in STAGES:
@@ -104,7 +94,7 @@ def adjust(
                 rows = np.empty((len(pairs), ROW))
                 register(
                     pairs, poses, images.camera, images.surface, images.normals, images.brightness, stage.stride, gate,
-                    distance_noise, MEASURED.brightness if gate <= _BRIGHTNESS_GATE else 0.0, rows,
+                    DISTANCE_NOISE, BRIGHTNESS_NOISE if gate <= _BRIGHTNESS_GATE else 0.0, rows,
                 )  # fmt: skip
                 equations = Equations(len(poses), axes)
                 equations.add_pairs(pairs, SHARED_NOISE * rows, poses)

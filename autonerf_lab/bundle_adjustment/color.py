@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from autonerf_lab import presets
-from autonerf_lab.bundle_adjustment.adjustment import MEASURED, PLANAR, SHARED_NOISE, SPATIAL, Adjusted
+from autonerf_lab.bundle_adjustment.adjustment import BRIGHTNESS_NOISE, PLANAR, SHARED_NOISE, SPATIAL, Adjusted
 from autonerf_lab.bundle_adjustment.motion_prior import (
     chain_covariances,
     estimate_sigmas,
@@ -84,4 +84,4 @@ def brightness_information(
     gradient = gradient / distance[:, None] @ pose[:3, :3].T
     offsets = distance[:, None] * directions @ pose[:3, :3].T
     jacobian = np.concatenate([gradient, np.cross(offsets, gradient)], axis=1)
-    return jacobian.T @ jacobian / MEASURED.brightness**2
+    return jacobian.T @ jacobian / BRIGHTNESS_NOISE**2

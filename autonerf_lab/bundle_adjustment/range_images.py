@@ -81,8 +81,6 @@ def _pixels(camera: Intrinsics, small: np.ndarray, size: tuple[int, int]) -> tup
 
 def _blurred(image: np.ndarray, step: int) -> np.ndarray:
     """Return the mean of an image over a window of about two steps, so that every step-th pixel does not alias."""
-    if step == 1:
-        return image
     from scipy.ndimage import gaussian_filter
 
     return gaussian_filter(image, 0.5 * step, mode="nearest")

@@ -137,7 +137,7 @@ def pose_deviations(views: Trajectory | Dataset) -> tuple[np.ndarray, np.ndarray
 
 
 def describe_refinement(rough: Trajectory, refined: Trajectory) -> str:
-    """Return lines about the corrections and uncertainties of refined poses, and about their errors if known."""
+    """Return lines about the corrections and uncertainties of refined poses."""
     moved = np.linalg.norm(refined.poses[:, :3, 3] - rough.poses[:, :3, 3], axis=1)
     turned = np.degrees(rotation_angle(rough.poses, refined.poses))
     position, rotation = pose_deviations(refined)

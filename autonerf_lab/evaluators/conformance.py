@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from autonerf_lab.evaluators.metrics import METRICS, Metric
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
+from autonerf_lab.utils.plugins import require
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators.context import EvaluationContext
@@ -22,23 +23,23 @@ def check_task(task: Task) -> None:
         >>> from autonerf_lab.evaluators.tasks import TASKS
         >>> check_task(TASKS["maps"])
     """
-    _require(isinstance(task, Task), f"a task is an instance of Task, not {type(task).__name__}")
+    require(isinstance(task, Task), f"a task is an instance of Task, not {type(task).__name__}")
     for attribute in ("name", "title", "text"):
         text = getattr(task, attribute, None)
-        _require(isinstance(text, str) and bool(text.strip()), f"{attribute} of a task must be a text, not {text!r}")
-    _require(isinstance(task.optional, bool), "optional of a task must be True or False")
+        require(isinstance(text, str) and bool(text.strip()), f"{attribute} of a task must be a text, not {text!r}")
+    require(isinstance(task.optional, bool), "optional of a task must be True or False")
     metrics = getattr(task, "metrics", ())
-    _require(bool(metrics) and all(isinstance(m, Metric) for m in metrics), "a task needs at least one Metric")
+    require(bool(metrics) and all(isinstance(m, Metric) for m in metrics), "a task needs at least one Metric")
     names = [metric.name for metric in metrics]
-    _require(len(set(names)) == len(names), f"metrics of task {task.name!r} must have different names: {names}")
+    require(len(set(names)) == len(names), f"metrics of task {task.name!r} must have different names: {names}")
     for metric in metrics:
-        _require(metric.task == task.name, f"metric {metric.name!r} belongs to task {metric.task!r}, not {task.name!r}")
-        _require(METRICS.get(metric.key, metric) is metric, f"{metric.key} is a metric of the protocol")
-        _require(metric.better in (-1, 0, 1), f"better of metric {metric.name!r} must be -1, 0 or 1")
+        require(metric.task == task.name, f"metric {metric.name!r} belongs to task {metric.task!r}, not {task.name!r}")
+        require(METRICS.get(metric.key, metric) is metric, f"{metric.key} is a metric of the protocol")
+        require(metric.better in (-1, 0, 1), f"better of metric {metric.name!r} must be -1, 0 or 1")
     for figure in task.figures:
-        _require(isinstance(figure, TaskFigure), "figures of a task must be TaskFigure objects")
-        _require(set(figure.inputs) <= set(INPUTS), f"inputs of figure {figure.name!r} must be among {INPUTS}")
-        _require(bool(figure.alt.strip()), f"figure {figure.name!r} needs an alternative text")
+        require(isinstance(figure, TaskFigure), "figures of a task must be TaskFigure objects")
+        require(set(figure.inputs) <= set(INPUTS), f"inputs of figure {figure.name!r} must be among {INPUTS}")
+        require(bool(figure.alt.strip()), f"figure {figure.name!r} needs an alternative text")
 
 
 def check_run(task: Task, context: "EvaluationContext") -> TaskResult:
@@ -52,16 +53,11 @@ def check_run(task: Task, context: "EvaluationContext") -> TaskResult:
     """
     check_task(task)
     result = task.run(context)
-    _require(isinstance(result, TaskResult), f"run must return a TaskResult, not {type(result).__name__}")
+    require(isinstance(result, TaskResult), f"run must return a TaskResult, not {type(result).__name__}")
     for metric in task.metrics:
-        _require(metric.name in result.values, f"the result lacks the metric {metric.name!r}")
+        require(metric.name in result.values, f"the result lacks the metric {metric.name!r}")
         value = result.values[metric.name]
-        _require(value is None or isinstance(value, float), f"{metric.name!r} must be a float or None, not {value!r}")
-        _require(value is not None or metric.name in result.status, f"{metric.name!r} is None and needs a status")
+        require(value is None or isinstance(value, float), f"{metric.name!r} must be a float or None, not {value!r}")
+        require(value is not None or metric.name in result.status, f"{metric.name!r} is None and needs a status")
     json.dumps(result.details)
     return result
-
-
-def _require(holds: bool, rule: str) -> None:
-    if not holds:  # unlike an assert statement, this also runs under ``python -O``
-        raise AssertionError(rule)

@@ -29,7 +29,7 @@ from autonerf_lab.scenes.class_aliases import class_of
 from autonerf_lab.scenes.import_report import STOREY
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator import Simulator
-from autonerf_lab.types import Action, Observation, Score
+from autonerf_lab.types import Action, MapState, Observation, Score
 
 STOP = len(Action)
 SUCCESS_DISTANCE = {"pointnav": 0.2, "objectnav": 0.1}  # metres
@@ -90,12 +90,12 @@ class FastMarching:
                 if np.linalg.norm(target - here) < _SIGHT:
                     return STOP
             else:
-                target = self._frontier(known, here)
+                target = self._random_waypoint(known, here)
         elif np.linalg.norm(target - here) < SUCCESS_DISTANCE["pointnav"]:
             return STOP
         return int(self._local.act(known, target))
 
-    def _frontier(self, known: Any, here: np.ndarray) -> np.ndarray:
+    def _random_waypoint(self, known: MapState, here: np.ndarray) -> np.ndarray:
         """Return a random explored free cell as waypoint, chosen again when it is reached."""
         if self._waypoint is None or np.linalg.norm(self._waypoint - here) < 0.5 or self._rng.random() < 0.02:
             free = np.argwhere(known.explored & ~known.occupied)

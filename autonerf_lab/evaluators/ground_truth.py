@@ -206,12 +206,12 @@ def faces_of_the_floor(scene: "Scene") -> np.ndarray:
     return below
 
 
-def camera_positions(sim: "Simulator", count: int | None = None, seed: int = 0) -> np.ndarray:
-    """Sample (count, 3) camera centres, uniform over the cells of the navigable floor; at least 600 by default."""
+def camera_positions(sim: "Simulator") -> np.ndarray:
+    """Sample (N, 3) camera centres, uniform over the cells of the navigable floor; at least 600."""
     navigation = sim.navigation
-    count = count or max(_POSITIONS, round(_POSITIONS_PER_M2 * navigation.area))
+    count = max(_POSITIONS, round(_POSITIONS_PER_M2 * navigation.area))
     cells = np.argwhere(navigation.navigable)
-    cells = cells[np.random.default_rng(seed).integers(len(cells), size=count)]
+    cells = cells[np.random.default_rng(0).integers(len(cells), size=count)]
     xy = cell_to_world(cells, navigation.origin, navigation.cell)
     return np.concatenate([xy, np.full((count, 1), CAMERA_HEIGHT)], axis=1)
 

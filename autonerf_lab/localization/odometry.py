@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from autonerf_lab.localization.se2 import compose, moved_covariance
 from autonerf_lab.simulator.motion_noise import MotionNoise
 from autonerf_lab.types import Action
 
@@ -35,22 +34,3 @@ class OdometryModel:
     def corrected(self, motion: np.ndarray, action: int) -> np.ndarray:
         """Return a measured motion (3,) without the mean error of its action."""
         return motion - self.means[Action(action)]
-
-
-class DeadReckoning:
-    """Sum of calibrated motions: pose and covariance.
-
-    Args:
-        model: calibration.
-        start: (3,) start pose, exactly known.
-    """
-
-    def __init__(self, model: OdometryModel, start: np.ndarray) -> None:
-        self.model, self.pose, self.covariance = model, np.array(start, dtype=np.float64), np.zeros((3, 3))
-
-    def move(self, motion: np.ndarray, action: int) -> None:
-        """Add a measured motion (3,) in the frame of the robot."""
-        step = self.model.corrected(motion, action)
-        noise = self.model.covariances[Action(action)]
-        self.covariance = moved_covariance(self.pose, self.covariance, step, noise)
-        self.pose = compose(self.pose, step)

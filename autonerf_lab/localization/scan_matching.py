@@ -96,7 +96,7 @@ def compare(scan: Scan, reference: Scan, motion: np.ndarray, width: float, every
         width: of the robust kernel, metres.
         every: use every n-th row and column of the new scan.
     """
-    sums = np.zeros(12)
+    sums = np.zeros(11)
     _accumulate(
         scan.points, scan.planes, reference.points, reference.planes, reference.camera,
         motion[0], motion[1], motion[2], width, every, sums,
@@ -169,4 +169,3 @@ def _accumulate(
             sums[6] += w * nx * residual
             sums[7] += w * ny * residual
             sums[8] += w * jh * residual
-            sums[11] += w * residual * residual

@@ -14,6 +14,7 @@ The robot's own map grows by the same number of cells on every side, so that its
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -77,16 +78,7 @@ def update(map: MapState, observation: Observation, intrinsics: Intrinsics) -> M
         >>> bool(after.occupied[240, 280]), bool(after.explored[240, 250]), bool(after.explored[240, 230])
         (True, True, False)
     """
-    after = MapState(
-        map.occupied.copy(),
-        map.explored.copy(),
-        map.visited.copy(),
-        map.semantics.copy(),
-        map.viewpoints.copy(),
-        np.array(observation.pose, dtype=np.float64),
-        map.origin,
-        map.cell,
-    )
+    after = replace(_copied(map), pose=np.array(observation.pose, dtype=np.float64))
     _write(after, observation, intrinsics)
     return after
 
@@ -159,16 +151,8 @@ def enlarged(map: MapState, cells: int) -> MapState:
     def padded(array: np.ndarray) -> np.ndarray:
         return np.pad(array, [(0, 0)] * (array.ndim - 2) + [(cells, cells)] * 2)
 
-    return MapState(
-        padded(map.occupied),
-        padded(map.explored),
-        padded(map.visited),
-        padded(map.semantics),
-        padded(map.viewpoints),
-        map.pose,
-        map.origin - cells * map.cell,
-        map.cell,
-    )
+    channels: dict[str, Any] = {name: padded(getattr(map, name)) for name in _CHANNELS}
+    return replace(map, origin=map.origin - cells * map.cell, **channels)
 
 
 def _leaves(map: MapState, observation: Observation, intrinsics: Intrinsics) -> bool:

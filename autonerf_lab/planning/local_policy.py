@@ -22,6 +22,7 @@ _REPLAN_STEPS = 25
 _MIN_MOVE = 0.20  # metres; a shorter forward step is a collision
 _ARRIVED = 0.2  # metres from the end of the plan
 _ESCAPE_AFTER = 4  # collisions within _ESCAPE_WINDOW steps
+_ESCAPE_WINDOW = 12
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,6 @@ class Plan:
 class LocalPolicy:
     """Follow waypoints with the robot's actions; cells of collisions stay blocked for the episode.
 
-    Args:
-        clearance: preferred distance from obstacle cells, metres.
-
     Example:
         >>> from autonerf_lab.geometry import planar_pose
         >>> from autonerf_lab.mapping import empty_map
@@ -48,8 +46,7 @@ class LocalPolicy:
         <Action.FORWARD: 0>
     """
 
-    def __init__(self, clearance: float = AGENT_RADIUS) -> None:
-        self._clearance = clearance
+    def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
@@ -104,7 +101,7 @@ class LocalPolicy:
             return
         if np.hypot(x - self._last[0], y - self._last[1]) >= _MIN_MOVE:
             return
-        self._bump_steps = [*(s for s in self._bump_steps if s > self._steps - 12), self._steps]
+        self._bump_steps = [*(s for s in self._bump_steps if s > self._steps - _ESCAPE_WINDOW), self._steps]
         repeats = len(self._bump_steps)
         # Block a strip in front of the body; it grows with repeated collisions.
         ahead = AGENT_RADIUS + map.cell * np.arange(0.5, 2.0)
@@ -157,7 +154,7 @@ class LocalPolicy:
         """Return True if the plan is old or an obstacle is too close to the rest of its path."""
         if self._age >= _REPLAN_STEPS:
             return True
-        reach = max(1, round(self._clearance / map.cell) - 1)
+        reach = max(1, round(AGENT_RADIUS / map.cell) - 1)
         nearest = int(np.argmin(((plan.path - np.array(start)) ** 2).sum(axis=1)))
         return bool(_near_obstacle(map.occupied, plan.path[nearest:], reach, start[0], start[1]))
 
@@ -183,7 +180,7 @@ class LocalPolicy:
         goal = (target[0] - corner[0], target[1] - corner[1])
         here = (start[0] - corner[0], start[1] - corner[1])
         occupied, visited, bumped = map.occupied[window], map.visited[window], self._bumped[window]
-        radius = round(self._clearance / map.cell)
+        radius = round(AGENT_RADIUS / map.cell)
         free = np.ones(occupied.shape, bool)
         for reach in range(radius, -1, -1):  # a smaller clearance opens doorways that are mapped too narrow
             free = (~dilate(occupied, reach + 0.5) | visited) & ~bumped

@@ -140,7 +140,7 @@ def desk(rng: np.random.Generator) -> FurnitureModel:
     return model
 
 
-def fridge(rng: np.random.Generator, kitchen: bool = True) -> FurnitureModel:
+def fridge(rng: np.random.Generator) -> FurnitureModel:
     """Build a refrigerator with two doors, freezer below or above, handles on one side."""
     w, d, h = float(rng.uniform(0.58, 0.68)), float(rng.uniform(0.6, 0.66)), float(rng.uniform(1.65, 1.9))
     model = FurnitureModel(10, "refrigerator", (w, d + 0.03, h), clear=0.6)

@@ -59,13 +59,12 @@ def frozen_spec(name: str) -> dict:
     return generate_spec(seed_of(name), name, area=area, rooms=rooms, floors=floors)
 
 
-def freeze(target: Path, names: Sequence[str] | None = None, thumbnails: bool = True) -> None:
+def freeze(target: Path, names: Sequence[str] | None = None) -> None:
     """Generate frozen scenes and write their specifications, thumbnails (top views) and manifest entries to a folder.
 
     Args:
         target: Folder of the scenes.
         names: Scenes to write; the others stay as they are. Default: all.
-        thumbnails: Write the top views.
     """
     path = target / "manifest.json"
     scenes = read_json(path, dict[str, Any])["scenes"] if names is not None and path.exists() else {}
@@ -82,7 +81,7 @@ def freeze(target: Path, names: Sequence[str] | None = None, thumbnails: bool = 
             "rooms": len(spec["rooms"]),
             "objects": len(scene.instances),
         }
-        if thumbnails and not name.startswith("test-"):  # nobody looks at these before the final evaluation
+        if not name.startswith("test-"):  # nobody looks at these before the final evaluation
             jpeg = io.BytesIO()
             Image.fromarray(top_view(scene, 32.0)[0]).save(jpeg, "JPEG", quality=88)
             write_bytes(target / "thumbnails" / f"{name}.jpg", jpeg.getvalue())

@@ -181,10 +181,10 @@ def _finish(plan: HousePlan, scale: float, rng: np.random.Generator) -> None:
     plan.stairs = stairs[0].rects[0] if stairs else None
 
 
-def _frame(size: list[float], extra: float, rng: np.random.Generator) -> tuple[float, float, float]:
+def _frame(size: list[float], least_depth: float, rng: np.random.Generator) -> tuple[float, float, float]:
     """Sample the y of the lower and upper edge of a corridor along x and of the outer wall above it."""
     deep = float(np.clip(np.sqrt(np.mean(size) / 13), 0.9, 1.35))
-    lower, upper = float(rng.uniform(2.9, 4.3)) * deep, max(extra, float(rng.uniform(3.1, 4.6)) * deep)
+    lower, upper = float(rng.uniform(2.9, 4.3)) * deep, max(least_depth, float(rng.uniform(3.1, 4.6)) * deep)
     wide = float(rng.uniform(1.35, 1.8))
     return lower, lower + wide, lower + wide + upper
 

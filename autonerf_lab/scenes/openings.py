@@ -139,7 +139,13 @@ def add_entrance(layout: Layout, room: int) -> bool:
     at = p + d * (length / 2 if length < 2 else 0.2 + width / 2)
     layout.openings.append(
         Opening(
-            "entrance", (float(at[0]), float(at[1])), (float(d[0]), float(d[1])), round(width, 3), 0.0, 2.05, [room]
+            "entrance",
+            (float(at[0]), float(at[1])),
+            (float(d[0]), float(d[1])),
+            round(width, 3),
+            0.0,
+            DOOR_HEIGHT,
+            [room],
         )
     )
     return True

@@ -4,7 +4,7 @@ Before PPO a modular policy imitates frontier exploration (:mod:`autonerf_lab.tr
 policy imitates shortest paths (:mod:`autonerf_lab.training.shortest_path_expert`).
 
 The folder contains the checkpoint; the weights, ``policy.safetensors`` and ``policy.json``; the learning curve,
-``curve.csv`` and ``curve.png``; and TensorBoard logs. Checkpoints are written between episodes, when the only state of
+``curve.csv``; and TensorBoard logs. Checkpoints are written between episodes, when the only state of
 an environment is the number of its next episode. After an interruption the same call resumes from the checkpoint and
 gives bit-identical weights.
 """

@@ -138,7 +138,6 @@ class _Worker:
     def __init__(self, make: MakeEnv, indices: list[int], seed: int) -> None:
         self.envs: dict[int, Any] = {index: make() for index in indices}
         self.seed = seed
-        self.episode = 0
         self.episodes = dict.fromkeys(indices, 0)
 
     def spaces(self) -> tuple[Any, Any]:

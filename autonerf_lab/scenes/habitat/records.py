@@ -46,7 +46,6 @@ class SceneInstance(msgspec.Struct):
     object_instances: list[Placement] = []
     articulated_object_instances: list[Any] = []
     translation_origin: str = "asset_local"
-    semantic_scene_instance: str | None = None
 
 
 class DerivedAsset(msgspec.Struct):
