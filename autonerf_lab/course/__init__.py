@@ -115,9 +115,10 @@ def grade(name: str, answer: Any, case: int | None = None) -> int:
     unshown = io.StringIO()
     with warnings.catch_warnings(), contextlib.redirect_stdout(unshown), contextlib.redirect_stderr(unshown):
         warnings.simplefilter("ignore")
-        passed, verdict = exercise.passed(answer), exercise.check(answer)
-    if case is not None:
-        return int(passed[case])
+        passed = exercise.passed(answer)
+        if case is not None:
+            return int(passed[case])
+        verdict = exercise.check(answer)
     if not verdict:
         print(verdict)
     return sum(passed)

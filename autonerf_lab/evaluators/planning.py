@@ -118,12 +118,6 @@ def spl(episodes: Iterable[Episode]) -> float | None:
     return float(100 * np.mean(values)) if values else None
 
 
-def _mask(shape: tuple[int, ...], cells: np.ndarray) -> np.ndarray:
-    mask = np.zeros(shape, dtype=bool)
-    mask[tuple(np.atleast_2d(cells).T)] = True
-    return mask
-
-
 def object_ring(cells: np.ndarray, passable: np.ndarray, min_share: float = 0.0) -> np.ndarray:
     """Return the goal region around the objects of a class (see the module docstring).
 
@@ -186,7 +180,7 @@ def sample_episodes(truth: TrueMap, count: int, seed: int = 0) -> EpisodeSet:
             goal = cells[streams[i].integers(len(cells))]
             if distance is None:
                 stop = None if np.hypot(*(goal - starts[i])) * truth.grid.cell < MIN_GEODESIC else goal
-                field = travel_distance(passable, _mask(passable.shape, starts[i]), truth.grid.cell, stop_at=stop)
+                field = travel_distance(passable, starts[i], truth.grid.cell, stop_at=stop)
                 distance = field if stop is None else None
             else:
                 field = distance
@@ -281,7 +275,7 @@ def plan_points(free: np.ndarray, episode_set: EpisodeSet, cell: float) -> list[
             here = free.copy()
             here[tuple(_disc(goal, free.shape)[0].T)] = True
         stop = start if here[tuple(start)] else None
-        path = _follow(travel_distance(here, _mask(free.shape, goal), cell, stop_at=stop), start, cell)
+        path = _follow(travel_distance(here, goal, cell, stop_at=stop), start, cell)
         reason = _judge(path, episode_set, i, lambda end: float(np.hypot(*(end - goal)) * cell))
         length = np.inf if path is None else path_length(path, cell)
         return Episode(start, goal, 0, reason, path, length, float(episode_set.shortest[i]))

@@ -31,7 +31,7 @@ def travel_distance(
 
     Args:
         free: (R, C) bool, cells that a path may cross.
-        goal: (R, C) bool, or (K, 2) integer [row, column] cells; goal cells that are not free are ignored.
+        goal: (R, C) bool, or (2,) or (K, 2) integer [row, column] cells; goal cells that are not free are ignored.
         cell: side of a cell, metres.
         stop_at: row and column at which to stop early; farther cells remain inf.
         limit: metres; farther cells remain inf.

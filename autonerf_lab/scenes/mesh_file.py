@@ -73,16 +73,7 @@ def _check_references(path: Path) -> None:
                             pending.append(path.parent / words[-1])
     except SceneError:
         raise
-    except (
-        OSError,
-        ValueError,
-        struct.error,
-        LookupError,
-        TypeError,
-        AttributeError,
-        ArithmeticError,
-        RecursionError,
-    ) as error:
+    except Exception as error:  # of any class in a damaged file
         raise SceneError(f"{path} is not a readable {kind[1:].upper()} file: {error}") from error
     for name in names:
         if kind == ".glb" or not _is_local(name):

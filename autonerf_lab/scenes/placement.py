@@ -267,9 +267,7 @@ class Placer:
             inward = np.array([-along[1], along[0]])
             gap = SKIRTING_GAP if away is None else away
             at = p + along * t + inward * (d / 2 + gap)
-            item = self.put(
-                model, room, at, float(np.arctan2(inward[1], inward[0]) - np.pi / 2), z, ignore_doors=ignore_doors
-            )
+            item = self.put(model, room, at, yaw_facing(inward), z, ignore_doors=ignore_doors)
             if item is not None:
                 return item
         return None
