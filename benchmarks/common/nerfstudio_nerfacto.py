@@ -30,10 +30,12 @@ def make_trainer(options: argparse.Namespace) -> Trainer:
     config.logging.local_writer.enable = False
     manager, model = config.pipeline.datamanager, config.pipeline.model
     manager.data = manager.dataparser.data = options.train
-    manager.dataparser.eval_mode, manager.train_num_rays_per_batch = "all", options.rays
+    manager.dataparser.eval_mode = "all"
     model.implementation = "torch"
     model.eval_num_rays_per_chunk = 1024  # renders in a third of the time on the CPU
-    if options.no_camera_optimizer:
+    if options.few_steps:  # as registered, it starts transparent and has no geometry after 400 steps
+        manager.train_num_rays_per_batch = 512
+        model.average_init_density, model.use_appearance_embedding = 1.0, False
         model.camera_optimizer.mode = "off"
         del config.optimizers["camera_opt"]
     # LPIPS, of nerfstudio's own evaluation, would download weights
@@ -86,8 +88,7 @@ def main() -> None:
     parser.add_argument("--test", type=Path, required=True, help="Trajectory folder of the test views.")
     parser.add_argument("--out", type=Path, required=True, help="Output folder.")
     parser.add_argument("--marks", type=float, nargs="+", required=True, help="Increasing, seconds.")
-    parser.add_argument("--rays", type=int, default=4096, help="Rays per batch.")
-    parser.add_argument("--no-camera-optimizer", action="store_true", help="Keep the poses of the images.")
+    parser.add_argument("--few-steps", action="store_true", help="Settings that suit few steps and exact poses.")
     parser.add_argument("--threads", type=int, default=2, help="Number of threads.")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
