@@ -10,13 +10,12 @@ from autonerf_lab import presets
 from autonerf_lab.bundle_adjustment.adjustment import Adjusted, adjust
 from autonerf_lab.bundle_adjustment.color import adjust_by_color
 from autonerf_lab.bundle_adjustment.range_images import range_images
-from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.data.dataset import COVARIANCE_KEY, Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import is_planar, rotation_angle
 
 Views = TypeVar("Views", Trajectory, Dataset)
-COVARIANCE_KEY = "refined_covariance"  # in the metadata
 _TYPICAL_DEPTH = 2.0  # metres; images of unknown scale are scaled to this median depth
 
 

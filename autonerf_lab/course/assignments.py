@@ -43,7 +43,7 @@ def select_notebooks(numbers: Iterable[str] | None = None) -> list[Path]:
         UnknownNameError: There is no notebook of a number; the message lists the numbers.
     """
     paths = {path.name[:2]: path for path in notebook_paths()}
-    chosen = list(paths if numbers is None else numbers) or list(paths)
+    chosen = list(numbers or ()) or list(paths)
     for number in chosen:
         if number not in paths:
             raise UnknownNameError("notebook", number, paths)
@@ -58,7 +58,7 @@ def write_notebook(notebook: Any, path: Path) -> None:
     """
     import nbformat
 
-    storage.write_bytes(path, nbformat.writes(notebook).encode())
+    storage.write_bytes(path, f"{nbformat.writes(notebook)}\n".encode())
 
 
 def parts_of(notebook: Any, exercises: dict[str, Exercise], begin: str, end: str) -> list[Part]:

@@ -18,7 +18,8 @@ from autonerf_lab.data.transforms import read_path
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
 
-BY_FRAME = ("time_stamps", "refined_covariance")  # keys of the metadata with one entry per frame
+COVARIANCE_KEY = "refined_covariance"  # in the metadata
+BY_FRAME = ("time_stamps", COVARIANCE_KEY)  # keys of the metadata with one entry per frame
 
 
 @dataclass(frozen=True, eq=False)  # equality of arrays has no single truth value
@@ -142,8 +143,11 @@ class Dataset:
         return listed
 
     def _take(self, frames: Sequence[int]) -> "Dataset":
+        values = {key: self.meta.get(key) for key in BY_FRAME}
         by_frame = {
-            key: [self.meta[key][t] for t in frames] for key in BY_FRAME if len(self.meta.get(key) or ()) == len(self)
+            key: [value[t] for t in frames]
+            for key, value in values.items()
+            if isinstance(value, list) and len(value) == len(self)
         }
         return replace(
             self,

@@ -48,6 +48,7 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
 }
 _FIGURES = ("figures/{stage}.json", "figures/{stage}_*")
 _REMOVED = (errno.ENOENT, errno.ESTALE)  # errors of a folder that another process has just removed; NFS reports ESTALE
+_RESULTS = {"explore": "trajectory", "evaluate": "scores.json", "report": "report.html"}  # of the main stages
 _WAY_OUT = "choose another --out, or replace the run with --overwrite"
 _START_AGAIN = "use another run folder, or replace this one with `autonerf-lab explore --overwrite`"
 
@@ -233,10 +234,8 @@ def open_run(path: str | Path, config: RunConfig, last: str = "report", overwrit
             if differences:
                 refusal = RunFolderError(f"{path} holds another run ({'; '.join(differences)}); {_WAY_OUT}")
             elif all(run.finished(stage) for stage in STAGES[: STAGES.index(last) + 1]):
-                made = {"explore": "trajectory", "evaluate": "scores.json", "report": "report.html"}.get(
-                    last, "run.json"
-                )
-                refusal = RunFolderError(f"{path} holds a finished run ({path / made}); {_WAY_OUT}")
+                result = path / _RESULTS.get(last, "run.json")
+                refusal = RunFolderError(f"{path} holds a finished run ({result}); {_WAY_OUT}")
             else:
                 return run
         except (DataError, RunFolderError) as error:
