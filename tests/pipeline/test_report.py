@@ -105,7 +105,7 @@ def test_animation_has_a_still_for_paper(run):
 def test_scores_are_compared_with_the_paper_and_the_baselines(run):
     text = re.sub(r"\s+", " ", render(run))
     assert "22.50</td> <td>25.56</td><td>19.75</td><td>14.25</td><td>60.00</td>" in text
-    assert "<th>nearest view</th><th>oracle</th>" in text and "<b>oracle</b>, the true geometry" in text
+    assert "<th>nearest<br>view</th><th>oracle</th>" in text and "<b>oracle</b>, the true geometry" in text
     assert 'colspan="7"' in text and "tsdf" not in text, "baselines that were not scored have no column"
     assert "no weights</td>" in text
     assert "8.3</td>" in text  # metres become centimetres
