@@ -4,18 +4,20 @@
     python benchmarks/results/export.py runs/paper/test/* benchmarks/results/test
 
 The output has one results folder per run, of the same name, without the figures of the cells, for `bench report`,
-`bench compare` and `load_results_table`. Paths in the working directory become relative. Runs need not be finished: the
-tables say how many cells they have. Prints the median time per cell, which other load on the machine changes little.
+`bench compare` and `load_results_table`. Paths in the working directory become relative. If a run is unfinished, only
+the scenes are exported that all runs have finished, so that all rows are means over the same scenes. Prints the median
+time per cell, which other load on the machine changes little.
 """
 
 import argparse
+import json
 from pathlib import Path
 
 import numpy as np
 from matplotlib import image
 from matplotlib.figure import Figure
 
-from autonerf_lab.benchmark import Results, load_results
+from autonerf_lab.benchmark import Cell, Results, load_results
 from autonerf_lab.benchmark.export import export_results
 from autonerf_lab.benchmark.figures import coverage_curves, scores_over_policies
 from autonerf_lab.benchmark.grid import label
@@ -49,12 +51,24 @@ def trajectories(runs: list[Results]) -> Figure | None:
     return figure
 
 
-def copy_cells(run: Results, out: Path) -> None:
-    """Copy the grid and the finished cells of a run, with paths relative to the working directory."""
-    finished = [run.cell_file(outcome.cell) for outcome in run.outcomes() if outcome.finished]
-    for file in [run.path / "grid.json", *finished]:
-        text = file.read_text(encoding="utf-8").replace(f"{Path.cwd()}/", "")
-        storage.write_bytes(out / file.relative_to(run.path), text.encode())
+def is_finished(run: Results, cell: Cell) -> bool:
+    """Return True if a cell has scores."""
+    outcome = run.read(cell)
+    return outcome is not None and outcome.finished
+
+
+def copy_scenes(run: Results, scenes: list[str], out: Path) -> None:
+    """Copy the grid and the cells of some scenes of a run, with paths relative to the working directory."""
+    content = json.loads((run.path / "grid.json").read_text(encoding="utf-8"))
+    content["grid"]["scenes"] = scenes
+    labels = [label(scene) for scene in scenes]
+    digests = content["grid"]["scene_files"]
+    content["grid"]["scene_files"] = {name: digest for name, digest in digests.items() if name in labels}
+    files = [run.cell_file(cell) for cell in run.grid.cells() if cell.scene in scenes]
+    texts = {file.relative_to(run.path): file.read_text(encoding="utf-8") for file in files}
+    texts[Path("grid.json")] = json.dumps(content, indent=1) + "\n"
+    for file, text in texts.items():
+        storage.write_bytes(out / file, text.replace(f"{Path.cwd()}/", "").encode())
 
 
 def main() -> None:
@@ -64,8 +78,10 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="output folder")
     arguments = parser.parse_args()
     runs = [load_results(path) for path in arguments.runs]
+    unfinished = {cell.scene for run in runs for cell in run.grid.cells() if not is_finished(run, cell)}
     for run in runs:
-        copy_cells(run, arguments.out / run.path.name)
+        scenes = [scene for scene in run.grid.scenes if scene not in unfinished]
+        copy_scenes(run, scenes, arguments.out / run.path.name)
     found = load_results_table(*(load_results(arguments.out / run.path.name) for run in runs))
     for file in export_results(found, arguments.out):
         if file.name in NOT_EXPORTED:

@@ -1,5 +1,6 @@
 """Committed results in ``benchmarks/results`` and the script that exports them."""
 
+import json
 import runpy
 import shutil
 import sys
@@ -39,22 +40,29 @@ def test_committed_grids_are_complete_and_their_tables_match_their_cells(monkeyp
     assert written | {"trajectories.jpg"} == {path.name for path in group.iterdir()}, "figures of cells are not kept"
 
 
-def test_an_unfinished_run_is_exported_with_its_figures_and_relative_paths(monkeypatch, tmp_path):
-    """The tables count the missing cell; the weights of a policy are named relative to the working directory."""
-    run = shutil.copytree(runs_of(GROUPS[0])[0], tmp_path / "run")
+def test_the_finished_scenes_of_all_runs_are_exported_with_relative_paths(monkeypatch, tmp_path):
+    """A scene that one run has not finished is left out of all; weights are named relative to the working directory."""
+    run, finished = (shutil.copytree(runs_of(GROUPS[0])[0], tmp_path / name) for name in ("run", "finished"))
     monkeypatch.chdir(tmp_path)
+    policies = load_results(run).grid.policies
+    assert policies[0] == "random"
+    moved = f"{tmp_path}/w/random.safetensors"
+    for folder, chosen in ((run, (moved, *policies[1:4])), (finished, policies[4:])):
+        content = json.loads((folder / "grid.json").read_text())
+        content["grid"]["policies"] = chosen
+        (folder / "grid.json").write_text(json.dumps(content))
+        for file in (folder / "cells").glob("*_random_*.json"):
+            file.write_text(file.read_text().replace('"policy": "random"', f'"policy": "{moved}"', 1))
     first, *others = load_results(run).outcomes()
     (run / "cells" / f"{first.cell.name}.json").unlink()
     (run / "figures").mkdir()
     for outcome in others:
         Image.new("RGB", (8, 8)).save(run / "figures" / f"{outcome.cell.name}_trajectory.webp")
-        file = run / "cells" / f"{outcome.cell.name}.json"
-        file.write_text(file.read_text().replace('"modular-cov"', f'"{tmp_path}/w/modular-cov.safetensors"'))
-    grid = run / "grid.json"
-    grid.write_text(grid.read_text().replace('"modular-cov",', f'"{tmp_path}/w/modular-cov.safetensors",', 1))
-    export(monkeypatch, [run], tmp_path / "out")
-    assert (tmp_path / "out/tables.md").read_text().startswith(f"{len(others)} of {len(others) + 1} cells")
+    export(monkeypatch, [run, finished], tmp_path / "out")
     assert (tmp_path / "out/trajectories.jpg").exists()
-    exported = load_results(tmp_path / "out/run")
-    assert "w/modular-cov.safetensors" in exported.grid.policies
-    assert len(exported.outcomes()) == len(others)
+    exported = [load_results(tmp_path / "out" / name) for name in ("run", "finished")]
+    assert "w/random.safetensors" in exported[0].grid.policies
+    for results in exported:
+        assert {outcome.cell.scene for outcome in results.outcomes()} == {*results.grid.scenes}
+        assert {*load_results(run).grid.scenes} - {*results.grid.scenes} == {first.cell.scene}
+        assert len(results.outcomes()) == len(results.grid.cells())

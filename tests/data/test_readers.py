@@ -313,6 +313,23 @@ def test_split_files_keep_their_masks_and_lenses(tmp_path: Path) -> None:
     np.testing.assert_array_equal(data.images[2], RGB[2])
 
 
+def test_split_files_keep_all_true_poses(tmp_path: Path) -> None:
+    """A noisy trajectory in several files: each frame has its estimate and its true pose."""
+    write_blender(tmp_path)
+    for name, frames in (("train", (0, 1)), ("val", (2,)), ("test", (3,))):
+        file = tmp_path / f"transforms_{name}.json"
+        true = {"true": [POSES[3 - t].tolist() for t in frames]}
+        own = {"autonerf_lab": {"version": 1, "pose_source": "odometry", "other_poses": true}}
+        write(file, json.dumps(json.loads(file.read_text()) | own))
+    data = load_dataset(tmp_path)
+    assert data.pose_source == "odometry"
+    assert data.true_poses is not None
+    np.testing.assert_allclose(data.true_poses, POSES[::-1])
+    change("transforms_test.json", "odometry", "refined")(tmp_path)
+    with pytest.raises(DataError, match=r"transforms_test\.json has poses of the source 'refined', but .* 'odometry'"):
+        load_dataset(tmp_path)
+
+
 def test_only_unmasked_pixels_are_sampled_and_scored() -> None:
     from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views, psnr
     from autonerf_lab.nerf.field_frame import FieldFrame

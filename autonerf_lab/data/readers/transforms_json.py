@@ -63,14 +63,21 @@ def read_blender(folder: Path) -> PosedFrames:
         if (folder / f"transforms_{name}.json").is_file()
     }
     first = next(iter(parts.values()))
+    for name, part in parts.items():
+        if part.pose_source != first.pose_source:
+            raise DataError(
+                f"{folder / f'transforms_{name}.json'} has poses of the source {part.pose_source!r}, but the first "
+                f"file has {first.pose_source!r}: save all of them with poses of one source"
+            )
     meta = {f"{name}_filenames": [f.relative_to(folder).as_posix() for f in part.files] for name, part in parts.items()}
 
     def joined(layer: str, optional: bool = False) -> list[Any] | None:
         """Return a list of all frames; ``optional``: None in the frames of a file without it, else all must have it."""
         found = [(getattr(part, layer), len(part.files)) for part in parts.values()]
-        if all(values is None for values, _ in found) or not (optional or all(values for values, _ in found)):
+        missing = [values is None for values, _ in found]
+        if all(missing) or (any(missing) and not optional):
             return None
-        return [value for values, count in found for value in values or [None] * count]
+        return [value for values, count in found for value in ([None] * count if values is None else values)]
 
     return replace(
         first,
@@ -84,6 +91,7 @@ def read_blender(folder: Path) -> PosedFrames:
         confidences=joined("confidences"),
         masks=joined("masks", optional=True),
         lenses=joined("lenses", optional=True),
+        true_poses=None if (true := joined("true_poses")) is None else np.array(true),
     )
 
 
