@@ -20,6 +20,7 @@ from autonerf_lab.viz.figures.style import (
     GREEN,
     ORANGE,
     YELLOW,
+    cells_extent,
     class_legend,
     empty_figure,
     from_best_to_worst,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     import trimesh
     from matplotlib.axes import Axes
 
-    from autonerf_lab.evaluators.ground_truth import MapGrid
     from autonerf_lab.scenes.scene import Scene
 
 _IGNORED, _FREE, _OCCUPIED = "#B8B8B8", "#FFFFFF", "#303030"
@@ -38,12 +38,6 @@ _IGNORED, _FREE, _OCCUPIED = "#B8B8B8", "#FFFFFF", "#303030"
 
 def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
-
-
-def _extent(grid: "MapGrid") -> tuple[float, float, float, float]:
-    rows, cols = grid.shape
-    x, y = grid.origin
-    return (x, x + cols * grid.cell, y, y + rows * grid.cell)
 
 
 def _floor(ax: "Axes", title: str) -> None:
@@ -140,7 +134,7 @@ def map_overlay(artifact: dict[str, Any]) -> Figure:
     image = np.zeros(truth.grid.shape, dtype=np.uint8)
     for k, (_, _, mask) in enumerate(kinds):
         image[mask] = k
-    extent = _extent(truth.grid)
+    extent = cells_extent(truth.grid.origin, truth.grid.shape, truth.grid.cell)
     width = 5.0
     figure = _figure(3 * width, width * truth.grid.shape[0] / truth.grid.shape[1] + 0.9)
     axes = figure.subplots(1, 3)
@@ -193,7 +187,9 @@ def planned_paths(artifact: dict[str, Any], count: int = 25) -> Figure:
     axes = figure.subplots(1, 2)
     for ax, name in zip(axes, ("points", "objects"), strict=True):
         episodes = artifact[name]
-        ax.imshow(ground, origin="lower", extent=_extent(grid), interpolation="nearest")
+        ax.imshow(
+            ground, origin="lower", extent=cells_extent(grid.origin, grid.shape, grid.cell), interpolation="nearest"
+        )
         alike = [[e for e in episodes if e.reason == reason] for reason in _REASON_COLORS]
         for e in (e for group in alike for e in group[:: max(1, len(group) // count)]):
             color = _REASON_COLORS[e.reason]

@@ -7,7 +7,7 @@ import numpy as np
 from autonerf_lab.exploration.replay import OCCUPIED, PALETTE, map_image
 from autonerf_lab.geometry import planar_from_pose
 from autonerf_lab.types import MapState
-from autonerf_lab.viz.figures.style import BLUE, class_legend
+from autonerf_lab.viz.figures.style import BLUE, cells_extent, class_legend
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -22,9 +22,7 @@ _BODY, _LOOK = 0.18, 0.6  # radius of the robot and length of its arrow, metres
 
 def map_extent(known: MapState) -> tuple[float, float, float, float]:
     """Return the left, right, bottom and top edge of a map, metres, as ``extent`` of ``imshow(origin="lower")``."""
-    rows, cols = known.explored.shape
-    x, y = known.origin
-    return x, x + cols * known.cell, y, y + rows * known.cell
+    return cells_extent(known.origin, known.explored.shape, known.cell)
 
 
 def draw_map(ax: "Axes", known: MapState, title: str = "", robot: bool = True) -> None:

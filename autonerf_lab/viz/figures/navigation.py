@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from autonerf_lab.evaluators.navigation import SUCCESS_RADIUS
-from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, empty_figure
+from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE, cells_extent, empty_figure
 
 _COLORS = {"": GREEN, "stuck": ORANGE, "out of steps": BLUE, "no path": "#CC79A7"}
 
@@ -26,9 +26,7 @@ def navigation_paths(artifact: dict[str, Any], count: int = 40) -> Figure:
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     for ax, suffix, title in zip(axes, ("", "_true_mesh"), ("the reconstructed mesh", "the true scene"), strict=True):
         ground, episodes = artifact[f"ground{suffix}"], artifact[f"episodes{suffix}"]
-        rows, cols = ground.navigable.shape
-        x, y = ground.origin
-        extent = (x, x + cols * ground.cell, y, y + rows * ground.cell)
+        extent = cells_extent(ground.origin, ground.navigable.shape, ground.cell)
         image = np.where(ground.navigable, 255, np.where(ground.distance > 0, 225, 120)).astype(np.uint8)
         ax.imshow(image, cmap="gray", vmin=0, vmax=255, origin="lower", extent=extent, interpolation="nearest")
         won = [episode for episode in episodes if episode.success]

@@ -10,7 +10,7 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map, union_box
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.viz.figures.maps import draw_robot, map_legend
-from autonerf_lab.viz.figures.style import BLUE, ORANGE
+from autonerf_lab.viz.figures.style import BLUE, ORANGE, cells_extent
 
 _WIDTH = 11.0  # inches
 
@@ -61,8 +61,7 @@ def rollouts(
 def _draw(ax, replay: Replay, k: int) -> None:  # type: ignore[no-untyped-def]
     assert replay.maps is not None and replay.area is not None
     cells, t = replay.maps[k], int(replay.steps[k])
-    (x, y), (rows, cols) = replay.corner, cells.shape
-    extent = (x, x + cols * MAP_CELL, y, y + rows * MAP_CELL)
+    extent = cells_extent(replay.corner, cells.shape, MAP_CELL)
     ax.imshow(PALETTE[cells], origin="lower", extent=extent, interpolation="nearest")
     path = replay.planar[: t + 1]
     ax.plot(path[:, 0], path[:, 1], color="white", linewidth=2.4)

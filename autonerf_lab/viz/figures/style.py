@@ -19,6 +19,22 @@ BLUE, ORANGE, GREEN, YELLOW, SKY = "#0072B2", "#D55E00", "#009E73", "#F0E442", "
 SOURCE_COLORS = {"true": "#000000", "odometry": ORANGE, "estimated": BLUE, "refined": GREEN}  # paths of pose sources
 
 
+def cells_extent(origin: np.ndarray, shape: tuple[int, ...], cell: float) -> tuple[float, float, float, float]:
+    """Return the left, right, bottom and top edge of an array of cells, as ``extent`` of ``imshow(origin="lower")``.
+
+    Args:
+        origin: (2,) x, y of the outer corner of cell [0, 0], metres.
+        shape: of the array, [row = y, column = x].
+        cell: side of a cell, metres.
+
+    Example:
+        >>> cells_extent(np.array([-1.0, 2.0]), (2, 4), 0.5)
+        (-1.0, 1.0, 2.0, 3.0)
+    """
+    x, y = origin.tolist()
+    return x, x + shape[1] * cell, y, y + shape[0] * cell
+
+
 def plain_log(axis: "Axis") -> None:
     """Label a logarithmic axis with 1, 2 and 5 in each decade, as plain numbers."""
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
