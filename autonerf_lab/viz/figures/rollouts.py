@@ -1,6 +1,7 @@
 """Figure of the rollouts of several policies: their maps after given numbers of steps."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -9,8 +10,11 @@ from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map, union_box
 from autonerf_lab.mapping.semantic_map import MAP_CELL
-from autonerf_lab.viz.figures.maps import draw_robot, map_legend
+from autonerf_lab.viz.figures.maps import GROUND, draw_robot, map_legend
 from autonerf_lab.viz.figures.style import BLUE, ORANGE, cells_extent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _WIDTH = 11.0  # inches
 
@@ -43,29 +47,40 @@ def rollouts(
     replays = [replay_map(trajectory, shown) for trajectory in trajectories]
     if not all(replay.maps for replay in replays):
         raise DataError("a trajectory without depth has no map to draw; lab.explore records depth")
+    return replay_figure(replays, range(len(shown)), titles)
+
+
+def replay_figure(replays: Sequence[Replay], columns: Sequence[int], titles: Sequence[str] = ()) -> Figure:
+    """Draw the maps and paths of replays in one scale.
+
+    Args:
+        replays: one row each, of the same number of steps.
+        columns: one each; index of a replayed step.
+        titles: of the rows; default: the names of the policies.
+    """
     (x0, y0), (x1, y1) = union_box(replays)
-    width = _WIDTH / len(shown)
-    figure = Figure(
-        figsize=(_WIDTH, len(trajectories) * (width * (y1 - y0) / (x1 - x0) + 0.25) + 0.3), layout="constrained"
-    )
-    axes = figure.subplots(len(trajectories), len(shown), squeeze=False)
+    width = _WIDTH / len(columns)
+    figure = Figure(figsize=(_WIDTH, len(replays) * (width * (y1 - y0) / (x1 - x0) + 0.25) + 0.3), layout="constrained")
+    axes = figure.subplots(len(replays), len(columns), squeeze=False)
     for row, replay, title in zip(axes, replays, titles or [replay.name for replay in replays], strict=True):
-        for k, ax in enumerate(row):
+        for ax, k in zip(row, columns, strict=True):
             _draw(ax, replay, k)
-            ax.set(xlim=(x0, x1), ylim=(y0, y1), xticks=[], yticks=[], aspect="equal", facecolor="0.91")
-        row[0].set_ylabel(title)
+            ax.set(xlim=(x0, x1), ylim=(y0, y1), xticks=[], yticks=[], aspect="equal", facecolor=GROUND)
+        row[0].set_ylabel(title, parse_math=False)
     map_legend(figure, [replay.maps[-1] for replay in replays if replay.maps])
     return figure
 
 
-def _draw(ax, replay: Replay, k: int) -> None:  # type: ignore[no-untyped-def]
-    assert replay.maps is not None and replay.area is not None
-    cells, t = replay.maps[k], int(replay.steps[k])
-    extent = cells_extent(replay.corner, cells.shape, MAP_CELL)
-    ax.imshow(PALETTE[cells], origin="lower", extent=extent, interpolation="nearest")
+def _draw(ax: "Axes", replay: Replay, k: int) -> None:
+    """Draw the map and the path at the k-th of the replayed steps."""
+    t = int(replay.steps[k])
+    if replay.maps is not None:
+        extent = cells_extent(replay.corner, replay.maps[k].shape, MAP_CELL)
+        ax.imshow(PALETTE[replay.maps[k]], origin="lower", extent=extent, interpolation="nearest")
     path = replay.planar[: t + 1]
     ax.plot(path[:, 0], path[:, 1], color="white", linewidth=2.4)
     ax.plot(path[:, 0], path[:, 1], color=BLUE, linewidth=1.3)
     ax.plot(*path[0, :2], "o", color="white", markeredgecolor=BLUE, markersize=5)
     draw_robot(ax, replay.trajectory.poses[t], ORANGE)
-    ax.set_title(f"step {t + 1}: {replay.area[k]:.0f} m²", fontsize=9)
+    area = "" if replay.area is None else f": {replay.area[k]:.0f} m²"
+    ax.set_title(f"step {t + 1}{area}", fontsize=9)

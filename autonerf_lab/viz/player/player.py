@@ -12,13 +12,12 @@ from PIL import Image
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
-from autonerf_lab.exploration.replay import PALETTE, Replay, replay_map, union_box
-from autonerf_lab.mapping.semantic_map import MAP_CELL
+from autonerf_lab.exploration.replay import Replay, replay_map
 from autonerf_lab.utils import storage
 from autonerf_lab.utils.extras import NATURAL_SIZE, optional
-from autonerf_lab.viz.figures.maps import map_legend
+from autonerf_lab.viz.figures.rollouts import replay_figure
 from autonerf_lab.viz.player.page import page_html, player_html
-from autonerf_lab.viz.player.step_image import COLORS, GROUND, step_image
+from autonerf_lab.viz.player.step_image import step_image
 from autonerf_lab.viz.video import write_video
 
 MAX_FRAMES = 300  # of all trajectories together, unless ``every`` is given
@@ -45,19 +44,7 @@ class Player:
 
     def figure(self) -> Figure:
         """Return a figure of the growing maps: one row per trajectory; start, quarter, half and end as columns."""
-        low, high = union_box(self.replays)
-        columns = [round(share * (len(self) - 1)) for share in (0, 0.25, 0.5, 1)]
-        width, aspect = 3.4, float(np.divide(*(high - low)[::-1]))
-        size = (width * len(columns) + 0.3, (width * aspect + 0.35) * len(self.replays))
-        figure = Figure(figsize=size, layout="constrained")
-        axes = figure.subplots(len(self.replays), len(columns), squeeze=False)
-        for number, (row, replay) in enumerate(zip(axes, self.replays, strict=True)):
-            for ax, k in zip(row, columns, strict=True):
-                _plot_map(ax, replay, k, COLORS[number % len(COLORS)])
-                ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-            row[0].set_ylabel(replay.name, fontsize=10, parse_math=False)
-        map_legend(figure, [replay.maps[-1] for replay in self.replays if replay.maps])
-        return figure
+        return replay_figure(self.replays, [round(share * (len(self) - 1)) for share in (0, 0.25, 0.5, 1)])
 
     def save(self, file: str | Path, progress: bool = True) -> Path:
         """Write a self-contained page (``.html``) or a video (``.mp4``, ``.gif``).
@@ -144,28 +131,6 @@ def play(*trajectories: Trajectory, every: int | None = None) -> Player:
         names = ", ".join(str(trajectory.meta.get("scene")) for trajectory in trajectories)
         raise DataError(f"cannot play trajectories of different scenes together ({names}); play each alone")
     return Player([replay_map(trajectory, steps) for trajectory in trajectories])
-
-
-def _plot_map(ax: Any, replay: Replay, k: int, color: str) -> None:
-    """Plot the map and the path at the k-th of the shown steps."""
-    ax.set(facecolor=GROUND, aspect="equal", xticks=[], yticks=[])
-    if replay.maps is not None:
-        shape = MAP_CELL * np.array(replay.maps[k].shape[::-1])
-        left, bottom, right, top = *replay.corner, *(replay.corner + shape)
-        extent = (left, right, bottom, top)
-        ax.imshow(PALETTE[replay.maps[k]], origin="lower", extent=extent, interpolation="nearest")
-    x, y, heading = replay.planar[: replay.steps[k] + 1].T
-    ax.plot(x, y, color=color, linewidth=1.2)
-    ax.plot(x[0], y[0], "o", color="white", markeredgecolor=color, markersize=6)
-    ax.plot(x[-1], y[-1], "o", color=color, markersize=7)
-    ax.annotate(
-        "",
-        (x[-1] + 0.7 * np.cos(heading[-1]), y[-1] + 0.7 * np.sin(heading[-1])),
-        (x[-1], y[-1]),
-        arrowprops={"arrowstyle": "->", "color": color, "linewidth": 1.6},
-    )
-    area = "" if replay.area is None else f": {replay.area[k]:.0f} m²"
-    ax.set_title(f"step {replay.steps[k]}{area}", fontsize=9)
 
 
 def _jpeg(image: np.ndarray) -> bytes:
