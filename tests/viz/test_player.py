@@ -137,6 +137,14 @@ def test_step_images_have_one_size_and_show_the_growing_map(trajectory: Trajecto
     assert both.image(2).shape == both.image(3).shape
 
 
+def test_trajectories_stand_four_in_a_row(trajectory: Trajectory) -> None:
+    four, five = (lab.play(*[trajectory] * count, every=12).image(0) for count in (4, 5))
+    assert five.shape[1] == four.shape[1]
+    panel = len(five) - len(four)
+    np.testing.assert_array_equal(five[:panel], four[:panel])
+    assert (five[panel : 2 * panel, four.shape[1] // 4 :] == 255).all()
+
+
 def test_figure_has_one_row_per_policy_in_one_scale(trajectory: Trajectory, other: Trajectory) -> None:
     figure = lab.play(trajectory, other, every=1).figure()
     assert len(figure.axes) == 8 and len({(ax.get_xlim(), ax.get_ylim()) for ax in figure.axes}) == 1

@@ -11,21 +11,23 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from autonerf_lab.classes import colorize
 from autonerf_lab.exploration.replay import PALETTE, Replay, union_box
 from autonerf_lab.mapping.semantic_map import MAP_CELL
+from autonerf_lab.viz.figures.maps import GROUND
 from autonerf_lab.viz.figures.style import BLUE, GREEN, ORANGE
 
 COLORS = (BLUE, ORANGE, GREEN, "#CC79A7")  # one per trajectory, repeated from the fifth on
-GROUND, INK, SOFT, RULE = "#E9EBEE", "#1C1E21", "#62676E", "#D9DADB"  # background, text, grey text, grid lines
+INK, SOFT, RULE = "#1C1E21", "#62676E", "#D9DADB"  # text, grey text, grid lines
 BODY = 0.2  # drawn radius of the robot, metres
 REACH = 0.8  # drawn radius of its field of view, metres
 _VIEW, _GAP, _TITLE, _CHART = 230, 10, 34, 120  # pixels
+_COLUMNS = 4  # trajectories in a row
 _SUPERSAMPLE = 2  # lines are drawn at this scale and then reduced: anti-aliasing
 
 
 def step_image(replays: Sequence[Replay], k: int) -> np.ndarray:
     """Draw all trajectories at the k-th of the shown steps.
 
-    A single trajectory has its views to the left of its map. Several trajectories stand side by side, each with its
-    views above its map. All maps have the same scale.
+    A single trajectory has its views to the left of its map. Several trajectories stand side by side, four in a row,
+    each with its views above its map. All maps have the same scale.
 
     Args:
         replays: trajectories replayed at the same number of steps.
@@ -40,11 +42,14 @@ def step_image(replays: Sequence[Replay], k: int) -> np.ndarray:
     width = min(max(round(side * (box[1] - box[0])[0] / (box[1] - box[0])[1]), 300), 900) if alone else side
     height = side if alone else round(side * (box[1] - box[0])[1] / (box[1] - box[0])[0])
     column = _VIEW + _GAP + width if alone else side
-    panel = (column + 2 * _GAP, 2 * _GAP + _TITLE + (side if alone else _VIEW + _GAP + height) + _GAP + _CHART)
-    image = Image.new("RGB", (len(replays) * panel[0], panel[1]), "white")
+    panel = (column + 2 * _GAP, _GAP + _TITLE + (side if alone else _VIEW + _GAP + height) + _GAP)
+    columns = min(len(replays), _COLUMNS)
+    chart = panel[1] * -(-len(replays) // columns)  # its top
+    image = Image.new("RGB", (columns * panel[0], chart + _CHART + _GAP), "white")
     pen = ImageDraw.Draw(image)
     for number, replay in enumerate(replays):
-        left, top = number * panel[0] + _GAP, _GAP
+        row, place = divmod(number, columns)
+        left, top = place * panel[0] + _GAP, row * panel[1] + _GAP
         pen.text((left, top), replay.name[:40], INK, _font(17))
         pen.text((left + column, top + 3), _status(replay, k), SOFT, _font(13), anchor="ra")
         top += _TITLE
@@ -53,9 +58,7 @@ def step_image(replays: Sequence[Replay], k: int) -> np.ndarray:
             image.paste(_fit(view, index > 0), at)
         at = (left + _VIEW + _GAP, top) if alone else (left, top + _VIEW + _GAP)
         image.paste(_map_image(replay, k, box, (width, height), COLORS[number % len(COLORS)]), at)
-    _draw_area_chart(
-        image, replays, k, (_GAP, panel[1] - _GAP - _CHART, len(replays) * panel[0] - _GAP, panel[1] - _GAP)
-    )
+    _draw_area_chart(image, replays, k, (_GAP, chart, image.width - _GAP, chart + _CHART))
     return np.asarray(image)
 
 
