@@ -95,7 +95,7 @@ def plot(rows: list[dict[str, Any]], title: str, path: Path) -> None:
         ax.minorticks_off()
         ax.grid(alpha=0.3)
     axes[2].set(yscale="log")
-    axes[0].legend(frameon=False, fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=3)
     figure.suptitle(title)
     figure.savefig(path, dpi=110)
 

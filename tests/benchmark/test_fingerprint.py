@@ -78,11 +78,11 @@ def test_a_conflict_is_a_name_with_two_contents() -> None:
 def test_the_committed_results_say_which_weights_they_have() -> None:
     """Weights that are not those of the package belong to the named older version."""
     recorded = load_results(COMMITTED).fingerprint["weights"]
-    modular = {"modular-cov", "modular-obs", "modular-sem", "modular-view"}
-    assert set(recorded) == {*modular, "e2e-cov"}
-    assert {name for name, digest in recorded.items() if weights_sha256(name) != digest} == modular
+    learned = {"modular-cov", "modular-obs", "modular-sem", "modular-view", "e2e-cov"}
+    assert set(recorded) == learned
+    assert {name for name, digest in recorded.items() if weights_sha256(name) != digest} == learned
     text = " ".join((COMMITTED.parents[1] / "README.md").read_text().split())
-    assert "The modular policies have the weights of version 0.1.0" in text
+    assert "The learned policies have the weights of version 0.1.0" in text
 
 
 @pytest.mark.parametrize("reward", ["cov", "obs", "sem", "view"])

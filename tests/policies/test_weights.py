@@ -85,9 +85,14 @@ def test_modular_weights_collect_more_of_their_reward_than_the_untrained_network
     assert sums[0] > 1.05 * sums[1]
 
 
-@pytest.mark.parametrize(("reward", "margin"), [("cov", 20.0), ("cur", 3.0), ("nov", 10.0), ("rec", 10.0)])
-def test_end_to_end_weights_explore_more_than_the_untrained_network(reward, margin):
-    """Explored area after 80 steps in one apartment: 72.8, 41.0, 50.3 and 55.5 m²; untrained 35.4 m²."""
+@pytest.mark.parametrize("reward", ["cov", "cur", "nov", "rec"])
+def test_end_to_end_weights_explore_more_than_the_untrained_network(reward):
+    """Sums of the areas explored in 200 steps from two starts in one apartment: 163, 146, 156, 141; untrained 91 m²."""
     sim = Simulator(load_scene("dev-0"), Intrinsics.from_fov(84, 84), supersample=1)
-    trajectory = explore(sim, f"e2e-{reward}", steps=80, seed=0, progress=False)
-    assert trajectory.meta["explored_m2"][-1] > 35.4 + margin
+    name = f"e2e-{reward}"
+    torch.manual_seed(0)
+    areas = [
+        sum(explore(sim, policy, 200, seed, progress=False).meta["explored_m2"][-1] for seed in range(2))
+        for policy in (make_policy(name), load_policy(weights_path(name), trained=False))
+    ]
+    assert areas[0] > 1.4 * areas[1]
