@@ -28,19 +28,23 @@ def export_results(found: ResultsTable, out: Path) -> list[Path]:
         DataError: The disk is full, or the folder is not writable.
     """
     rows = scores_frame(found.outcomes)
-    tables = all_tables(found)
-    heading = escaped(summary(found))
-    files = {
-        "scores.csv": rows.to_csv(index=False, lineterminator="\n").encode(),
-        "tables.md": ("\n\n".join([heading, *(table.markdown() for table in tables)]) + "\n").encode(),
-        "tables.tex": ("\n\n".join(table.latex() for table in tables) + "\n").encode(),
-        "tables.html": "\n".join(table.html() for table in tables).encode(),
-    }
+    files = {"scores.csv": rows.to_csv(index=False, lineterminator="\n").encode(), **table_files(found)}
     if find_spec("pyarrow") is not None:
         files["scores.parquet"] = _parquet(rows)
     for name, data in files.items():
         storage.write_bytes(out / name, data)
     return [out / name for name in files]
+
+
+def table_files(found: ResultsTable) -> dict[str, bytes]:
+    """Return the contents of ``tables.md``, ``tables.tex`` and ``tables.html`` by name."""
+    tables = all_tables(found)
+    markdown = [escaped(summary(found)), *(table.markdown() for table in tables)]
+    return {
+        "tables.md": ("\n\n".join(markdown) + "\n").encode(),
+        "tables.tex": ("\n\n".join(table.latex() for table in tables) + "\n").encode(),
+        "tables.html": "\n".join(table.html() for table in tables).encode(),
+    }
 
 
 def headline(found: ResultsTable) -> str:

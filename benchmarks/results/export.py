@@ -18,13 +18,11 @@ from matplotlib import image
 from matplotlib.figure import Figure
 
 from autonerf_lab.benchmark import Cell, Results, load_results
-from autonerf_lab.benchmark.export import export_results
+from autonerf_lab.benchmark.export import table_files
 from autonerf_lab.benchmark.figures import coverage_curves, scores_over_policies
 from autonerf_lab.benchmark.grid import label
 from autonerf_lab.benchmark.results_table import load_results_table
 from autonerf_lab.utils import storage
-
-NOT_EXPORTED = ("scores.csv", "scores.parquet")  # `bench report` writes them
 
 
 def trajectories(runs: list[Results]) -> Figure | None:
@@ -83,9 +81,8 @@ def main() -> None:
         scenes = [scene for scene in run.grid.scenes if scene not in unfinished]
         copy_scenes(run, scenes, arguments.out / run.path.name)
     found = load_results_table(*(load_results(arguments.out / run.path.name) for run in runs))
-    for file in export_results(found, arguments.out):
-        if file.name in NOT_EXPORTED:
-            file.unlink()
+    for name, data in table_files(found).items():
+        storage.write_bytes(arguments.out / name, data)
     scores_over_policies(found).savefig(arguments.out / "scores.png", dpi=70)
     coverage_curves(found).savefig(arguments.out / "curves.png", dpi=70)
     if (figure := trajectories(runs)) is not None:
