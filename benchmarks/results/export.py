@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib import image
 from matplotlib.figure import Figure
 
-from autonerf_lab.benchmark import Cell, Results, load_results
+from autonerf_lab.benchmark import Results, load_results
 from autonerf_lab.benchmark.export import table_files
 from autonerf_lab.benchmark.figures import coverage_curves, scores_over_policies
 from autonerf_lab.benchmark.grid import label
@@ -49,12 +49,6 @@ def trajectories(runs: list[Results]) -> Figure | None:
     return figure
 
 
-def is_finished(run: Results, cell: Cell) -> bool:
-    """Return True if a cell has scores."""
-    outcome = run.read(cell)
-    return outcome is not None and outcome.finished
-
-
 def copy_scenes(run: Results, scenes: list[str], out: Path) -> None:
     """Copy the grid and the cells of some scenes of a run, with paths relative to the working directory."""
     content = json.loads((run.path / "grid.json").read_text(encoding="utf-8"))
@@ -76,7 +70,8 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="output folder")
     arguments = parser.parse_args()
     runs = [load_results(path) for path in arguments.runs]
-    unfinished = {cell.scene for run in runs for cell in run.grid.cells() if not is_finished(run, cell)}
+    finished = {outcome.cell for run in runs for outcome in run.outcomes() if outcome.finished}
+    unfinished = {cell.scene for run in runs for cell in run.grid.cells() if cell not in finished}
     for run in runs:
         scenes = [scene for scene in run.grid.scenes if scene not in unfinished]
         copy_scenes(run, scenes, arguments.out / run.path.name)

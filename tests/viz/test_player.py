@@ -148,7 +148,7 @@ def test_trajectories_stand_four_in_a_row(trajectory: Trajectory) -> None:
 def test_figure_has_one_row_per_policy_in_one_scale(trajectory: Trajectory, other: Trajectory) -> None:
     figure = lab.play(trajectory, other, every=1).figure()
     assert len(figure.axes) == 8 and len({(ax.get_xlim(), ax.get_ylim()) for ax in figure.axes}) == 1
-    assert [ax.get_title().split(":")[0] for ax in figure.axes[:4]] == ["step 1", "step 4", "step 7", "step 13"]
+    assert [ax.get_title().split(":")[0] for ax in figure.axes[:4]] == ["step 0", "step 3", "step 6", "step 12"]
     assert [ax.get_ylabel() for ax in figure.axes[::4]] == ["frontier", "random-waypoints"]
     figure.canvas.draw()
 

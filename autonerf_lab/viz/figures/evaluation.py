@@ -185,11 +185,10 @@ def planned_paths(artifact: dict[str, Any], count: int = 25) -> Figure:
     ground[truth.occupied] = 60
     figure = _figure(13, 6.5 * grid.shape[0] / grid.shape[1] + 1.2)
     axes = figure.subplots(1, 2)
+    extent = cells_extent(grid.origin, grid.shape, grid.cell)
     for ax, name in zip(axes, ("points", "objects"), strict=True):
         episodes = artifact[name]
-        ax.imshow(
-            ground, origin="lower", extent=cells_extent(grid.origin, grid.shape, grid.cell), interpolation="nearest"
-        )
+        ax.imshow(ground, origin="lower", extent=extent, interpolation="nearest")
         alike = [[e for e in episodes if e.reason == reason] for reason in _REASON_COLORS]
         for e in (e for group in alike for e in group[:: max(1, len(group) // count)]):
             color = _REASON_COLORS[e.reason]

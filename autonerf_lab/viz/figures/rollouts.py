@@ -47,16 +47,19 @@ def rollouts(
     replays = [replay_map(trajectory, shown) for trajectory in trajectories]
     if not all(replay.maps for replay in replays):
         raise DataError("a trajectory without depth has no map to draw; lab.explore records depth")
-    return replay_figure(replays, range(len(shown)), titles)
+    return replay_figure(replays, range(len(shown)), titles, first_step=1)
 
 
-def replay_figure(replays: Sequence[Replay], columns: Sequence[int], titles: Sequence[str] = ()) -> Figure:
+def replay_figure(
+    replays: Sequence[Replay], columns: Sequence[int], titles: Sequence[str] = (), first_step: int = 0
+) -> Figure:
     """Draw the maps and paths of replays in one scale.
 
     Args:
         replays: one row each, of the same number of steps.
         columns: one each; index of a replayed step.
         titles: of the rows; default: the names of the policies.
+        first_step: number of the first step: 0 as in a player, 1 for the number of steps so far.
     """
     (x0, y0), (x1, y1) = union_box(replays)
     width = _WIDTH / len(columns)
@@ -64,14 +67,14 @@ def replay_figure(replays: Sequence[Replay], columns: Sequence[int], titles: Seq
     axes = figure.subplots(len(replays), len(columns), squeeze=False)
     for row, replay, title in zip(axes, replays, titles or [replay.name for replay in replays], strict=True):
         for ax, k in zip(row, columns, strict=True):
-            _draw(ax, replay, k)
+            _draw(ax, replay, k, first_step)
             ax.set(xlim=(x0, x1), ylim=(y0, y1), xticks=[], yticks=[], aspect="equal", facecolor=GROUND)
         row[0].set_ylabel(title, parse_math=False)
     map_legend(figure, [replay.maps[-1] for replay in replays if replay.maps])
     return figure
 
 
-def _draw(ax: "Axes", replay: Replay, k: int) -> None:
+def _draw(ax: "Axes", replay: Replay, k: int, first_step: int) -> None:
     """Draw the map and the path at the k-th of the replayed steps."""
     t = int(replay.steps[k])
     if replay.maps is not None:
@@ -83,4 +86,4 @@ def _draw(ax: "Axes", replay: Replay, k: int) -> None:
     ax.plot(*path[0, :2], "o", color="white", markeredgecolor=BLUE, markersize=5)
     draw_robot(ax, replay.trajectory.poses[t], ORANGE)
     area = "" if replay.area is None else f": {replay.area[k]:.0f} m²"
-    ax.set_title(f"step {t + 1}{area}", fontsize=9)
+    ax.set_title(f"step {t + first_step}{area}", fontsize=9)
