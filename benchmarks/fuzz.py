@@ -46,9 +46,10 @@ from autonerf_lab.pipeline import outputs
 from autonerf_lab.pipeline.gallery import Gallery, read_gallery
 from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, load_run, open_run
 from autonerf_lab.policies import WEIGHTS, load_policy
+from autonerf_lab.policies.networks import RecurrentNetwork
 from autonerf_lab.policies.spec import make_interface, make_network
 from autonerf_lab.rewards import make_reward
-from autonerf_lab.scenes import export_glb, generate_apartment, import_scene
+from autonerf_lab.scenes import export_glb, generate_apartment, import_scene, load_scene
 from autonerf_lab.scenes.build import build
 from autonerf_lab.scenes.semantics_file import read_semantics
 from autonerf_lab.scenes.spec import dumps, read_spec
@@ -56,6 +57,8 @@ from autonerf_lab.training.checkpoint import CHECKPOINT, read_checkpoint
 from autonerf_lab.training.ppo import make_ppo
 from autonerf_lab.training.session import CheckpointHeader, TrainingSession
 from autonerf_lab.training.settings import settings_of
+from autonerf_lab.training.shortest_path_expert import Imitation
+from autonerf_lab.training.train import IMITATION, make_env
 from autonerf_lab.training.worker_pool import WorkerPool
 from autonerf_lab.types import Score
 from autonerf_lab.utils.resources import peak_gb, reset_peak, resident_gb
@@ -125,6 +128,19 @@ def policy_training(folder: Path) -> Callable[[], None]:
     return resume
 
 
+def imitation(path: Path) -> Callable[[], None]:
+    """Write the checkpoint of an imitation of shortest paths; return a function that resumes from it."""
+    settings = settings_of("pointgoal", environments=1, network={"kind": "goal", "memory": 4})
+    env = make_env(settings, "", [load_scene("dev-0")])
+    network = make_network(settings.network)[1]
+    assert isinstance(network, RecurrentNetwork)
+    fingerprint = {"policy": "pointgoal", "lr": settings.lr}
+    run = Imitation(network, lambda: env, settings)
+    run.advance()
+    run.save(path, fingerprint)
+    return lambda: run.resume(path, fingerprint)
+
+
 def make_formats(folder: Path) -> list[Format]:
     """Write a valid file of every format."""
     spec = small_spec()
@@ -157,6 +173,7 @@ def make_formats(folder: Path) -> list[Format]:
     (folder / "run/scene.json").write_text("{}")
     run.mark_finished("scene", 1.0, 0.5)
     resume_policy = policy_training(folder / "policy-training")
+    resume_imitation = imitation(folder / IMITATION)
     grid = Grid(("random",), ("val-0",), 1, preset="smoke")
     results = open_results(folder / "results", grid)
     cell = grid.cells()[0]
@@ -202,6 +219,7 @@ def make_formats(folder: Path) -> list[Format]:
         Format("policy.json", folder / "policy.json", lambda: load_policy(folder / "policy")),
         Format("policy.safetensors", folder / "policy.safetensors", lambda: load_policy(folder / "policy")),
         Format("checkpoint.safetensors", folder / "policy-training" / CHECKPOINT, resume_policy),
+        Format("imitation.safetensors", folder / IMITATION, resume_imitation),
         Format("run.json", folder / "run/run.json", lambda: load_run(folder / "run").save()),
         Format("outputs.json", folder / "run/outputs.json", remove_outputs),
         Format("grid.json", folder / "results/grid.json", lambda: load_results(folder / "results").outcomes()),

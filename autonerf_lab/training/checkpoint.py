@@ -8,7 +8,7 @@ from typing import Annotated, Any, Protocol, TypeVar
 import msgspec
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.utils.storage import read_arrays, write_arrays
@@ -101,3 +101,35 @@ def resume_supervised(
     except (KeyError, RuntimeError, TypeError) as error:
         raise DataError(f"{path} is damaged ({error!r}); remove it to start the training again") from error
     return header
+
+
+def training_state(network: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:
+    """Return the parameters of a network and the state of its Adam, as arrays."""
+    state = {f"parameter/{name}": value.detach() for name, value in network.named_parameters()}
+    for name, value in network.named_parameters():
+        moments = optimizer.state.get(value, {})
+        state |= {f"adam/{name}/{key}": torch.as_tensor(moment) for key, moment in moments.items()}
+    return {name: value.numpy(force=True).copy() for name, value in state.items()}
+
+
+def load_training_state(network: nn.Module, optimizer: torch.optim.Optimizer, arrays: Mapping[str, np.ndarray]) -> None:
+    """Load a state of :func:`training_state`; other arrays are ignored.
+
+    Raises:
+        KeyError: an array is missing.
+        ValueError: an array has another shape or type, or values that are not finite.
+    """
+
+    def load(name: str, like: Tensor) -> Tensor:
+        array = arrays[name]
+        if array.shape != like.shape or array.dtype != np.float32 or not np.isfinite(array).all():
+            raise ValueError(f"{name} is not {tuple(like.shape)} finite numbers of 32 bits")
+        return torch.from_numpy(array).to(like.device)
+
+    has_moments = any(name.startswith("adam/") for name in arrays)  # False after imitation, before PPO
+    with torch.no_grad():
+        for name, value in network.named_parameters():
+            value.copy_(load(f"parameter/{name}", value))
+            if has_moments:
+                like = {"step": torch.zeros(()), "exp_avg": value, "exp_avg_sq": value}
+                optimizer.state[value] = {key: load(f"adam/{name}/{key}", shape) for key, shape in like.items()}

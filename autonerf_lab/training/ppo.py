@@ -172,37 +172,3 @@ def network_of(ppo: PPO | RecurrentPPO) -> torch.nn.Module:
     """Return the network that is trained."""
     assert isinstance(ppo.policy, _NetworkBase)
     return ppo.policy.network
-
-
-def training_state(ppo: PPO | RecurrentPPO) -> dict[str, np.ndarray]:
-    """Return the parameters of the network and the state of Adam, as arrays."""
-    network, optimizer = network_of(ppo), ppo.policy.optimizer
-    state = {f"parameter/{name}": value.detach() for name, value in network.named_parameters()}
-    for name, value in network.named_parameters():
-        moments = optimizer.state.get(value, {})
-        state |= {f"adam/{name}/{key}": torch.as_tensor(moment) for key, moment in moments.items()}
-    return {name: value.numpy(force=True).copy() for name, value in state.items()}
-
-
-def load_training_state(ppo: PPO | RecurrentPPO, arrays: dict[str, np.ndarray]) -> None:
-    """Load a state of :func:`training_state`.
-
-    Raises:
-        KeyError: an array is missing.
-        ValueError: an array has another shape or type, or values that are not finite.
-    """
-
-    def load(name: str, like: Tensor) -> Tensor:
-        array = arrays[name]
-        if array.shape != like.shape or array.dtype != np.float32 or not np.isfinite(array).all():
-            raise ValueError(f"{name} is not {tuple(like.shape)} finite numbers of 32 bits")
-        return torch.from_numpy(array).to(like.device)
-
-    network, optimizer = network_of(ppo), ppo.policy.optimizer
-    has_moments = any(name.startswith("adam/") for name in arrays)  # False after imitation, before PPO
-    with torch.no_grad():
-        for name, value in network.named_parameters():
-            value.copy_(load(f"parameter/{name}", value))
-            if has_moments:
-                like = {"step": torch.zeros(()), "exp_avg": value, "exp_avg_sq": value}
-                optimizer.state[value] = {key: load(f"adam/{name}/{key}", shape) for key, shape in like.items()}

@@ -17,8 +17,8 @@ from tqdm import tqdm
 from autonerf_lab.errors import DataError, TrainingError
 from autonerf_lab.policies.spec import make_interface, spec_of
 from autonerf_lab.rewards import LearnedReward, Reward
-from autonerf_lab.training.checkpoint import CHECKPOINT
-from autonerf_lab.training.ppo import TimedBuffer, load_training_state, network_of, training_state
+from autonerf_lab.training.checkpoint import CHECKPOINT, load_training_state, training_state
+from autonerf_lab.training.ppo import TimedBuffer, network_of
 from autonerf_lab.training.settings import PolicySettings
 from autonerf_lab.training.worker_pool import WorkerPool
 from autonerf_lab.utils.storage import write_arrays
@@ -91,7 +91,7 @@ class TrainingSession(BaseCallback):
             DataError: the checkpoint is damaged.
         """
         try:
-            load_training_state(self.model, {k: v for k, v in arrays.items() if not k.startswith(_REWARD_PREFIX)})
+            load_training_state(network_of(self.model), self.model.policy.optimizer, arrays)
             if self.reward:
                 learned = {k.removeprefix(_REWARD_PREFIX): v for k, v in arrays.items() if k.startswith(_REWARD_PREFIX)}
                 self.reward.load_state_dict(learned)
@@ -122,7 +122,8 @@ class TrainingSession(BaseCallback):
             "updates": self.model._n_updates,
         }
         learned = self.reward.state_dict() if self.reward else {}
-        arrays = training_state(self.model) | {_REWARD_PREFIX + name: array for name, array in learned.items()}
+        state = training_state(network_of(self.model), self.model.policy.optimizer)
+        arrays = state | {_REWARD_PREFIX + name: array for name, array in learned.items()}
         write_arrays(self.folder / CHECKPOINT, arrays, header)
         self._saved = time.perf_counter()
 

@@ -5,7 +5,8 @@ policy imitates shortest paths (:mod:`autonerf_lab.training.shortest_path_expert
 
 The folder contains the checkpoint; the weights, ``policy.safetensors`` and ``policy.json``; the learning curve,
 ``curve.csv``; and TensorBoard logs. Checkpoints are written between episodes, when the only state of
-an environment is the number of its next episode. After an interruption the same call resumes from the checkpoint and
+an environment is the number of its next episode; that of the imitation of shortest paths holds the actions of the
+running episodes, and repeats them. After an interruption the same call resumes from the checkpoint and
 gives bit-identical weights.
 """
 
@@ -46,6 +47,8 @@ from autonerf_lab.training.worker_pool import MakeEnv, WorkerPool
 from autonerf_lab.utils.storage import write_bytes
 
 Scenes = Sequence[str | Scene] | None
+_File = tuple[Path, dict[str, Any]]  # path of a checkpoint, and the fingerprint of its training
+IMITATION = "imitation.safetensors"  # checkpoint of a PointGoal policy before PPO
 
 
 def make_env(settings: PolicySettings, reward: str | Reward, scenes: Scenes = None) -> gymnasium.Env:
@@ -70,16 +73,17 @@ def make_env(settings: PolicySettings, reward: str | Reward, scenes: Scenes = No
 
 
 def _imitate_frontier(
-    network: nn.Module, settings: PolicySettings, reward: str | Reward, make: MakeEnv, progress: bool
-) -> None:
+    network: nn.Module, settings: PolicySettings, reward: str | Reward, make: MakeEnv, checkpoint: _File, progress: bool
+) -> float:
     imitate(network, demonstrate(make_interface(settings.network), settings, reward, progress), settings, progress)
+    return 0.0
 
 
 def _imitate_shortest_paths(
-    network: nn.Module, settings: PolicySettings, reward: str | Reward, make: MakeEnv, progress: bool
-) -> None:
+    network: nn.Module, settings: PolicySettings, reward: str | Reward, make: MakeEnv, checkpoint: _File, progress: bool
+) -> float:
     assert isinstance(network, RecurrentNetwork)
-    imitate_shortest_paths(network, make, settings, progress)
+    return imitate_shortest_paths(network, make, settings, *checkpoint, progress)
 
 
 TEACHERS = {"frontier": _imitate_frontier, "shortest-path": _imitate_shortest_paths}
@@ -156,10 +160,12 @@ def train_policy(
             if first is not None:
                 load_weights(first, network)
             elif settings.demonstrations and spec.teacher:
-                TEACHERS[spec.teacher](network.cpu(), settings, chosen, make, progress)
+                saved = folder / IMITATION, fingerprint
+                session.seconds = TEACHERS[spec.teacher](network.cpu(), settings, chosen, make, saved, progress)
                 network.to(device)
             session.share_reward()  # its random initial values may differ between processes
             session.save()
+            (folder / IMITATION).unlink(missing_ok=True)
         ppo._last_obs = None
         if session.remaining() > 0:
             # The session ends the training: Stable-Baselines3 counts decisions, not frames.

@@ -79,14 +79,16 @@ def test_episodes_in_a_sequence_are_as_episodes_alone(kind):
         torch.testing.assert_close(memory[0][0, 0], after[0][0, sequence])
 
 
-def test_imitation_of_shortest_paths_improves_the_policy(monkeypatch):
+def test_imitation_of_shortest_paths_improves_the_policy(tmp_path, monkeypatch):
     scene = toy_scene.to_scene(toy_scene.empty_room(3.0, 3.0))
     monkeypatch.setattr(shortest_path_expert, "PASSES", 10)  # over few episodes
     torch.manual_seed(0)
     network = GoalNetwork().to(memory_format=torch.channels_last)  # as in a training: half the time
     lost = reach_goals(network, scene, 20)
     settings = settings_of(POINTGOAL, demonstrations=120, environments=4)
-    shortest_path_expert.imitate_shortest_paths(network, lambda: PointGoalEnv(scene=scene, max_steps=60), settings)
+    shortest_path_expert.imitate_shortest_paths(
+        network, lambda: PointGoalEnv(scene=scene, max_steps=60), settings, tmp_path / "imitation", {}
+    )
     led = reach_goals(network, scene, 20)
     assert sum(end["distance_to_goal"] for end in led) < sum(end["distance_to_goal"] for end in lost) / 2
     assert sum(end["success"] for end in led) > 5 + sum(end["success"] for end in lost)

@@ -25,7 +25,7 @@ from autonerf_lab.policies.interfaces import CompactInterface
 from autonerf_lab.policies.networks import RecurrentNetwork
 from autonerf_lab.policies.spec import SPECS, make_interface, make_network
 from autonerf_lab.policies.weights import load_weights, read_meta, save_weights
-from autonerf_lab.training import session, train
+from autonerf_lab.training import session, shortest_path_expert, train
 from autonerf_lab.training.augmentation import SymmetryAugmentation
 from autonerf_lab.training.ppo import TimedBuffer
 from autonerf_lab.training.settings import PolicySettings, settings_of
@@ -175,6 +175,41 @@ def test_a_resumed_training_is_bit_identical(name, settings, last, tmp_path, mon
     (tmp_path / "parts" / train.CHECKPOINT).write_bytes(b"\x10\0\0\0\0\0\0\0 not safetensors")
     with pytest.raises(DataError, match=r"checkpoint.safetensors is damaged"):
         run(tmp_path / "parts", settings, workers=1)
+
+
+def test_a_resumed_imitation_is_bit_identical(tmp_path, monkeypatch):
+    run = partial(train.train_policy, "pointgoal", progress=False, workers=1)
+    settings = replace(GOALS, frames=0, demonstrations=4)
+    monkeypatch.setattr(shortest_path_expert, "STEPS", 8)  # the third update is in the middle of the first episodes
+    whole = run(tmp_path / "whole", settings)
+    monkeypatch.setattr(shortest_path_expert, "SAVE_EVERY", 0.0)
+    original, calls = shortest_path_expert.Imitation.advance, []
+
+    def stop_in_the_third(imitation):
+        calls.append(imitation)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return original(imitation)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(shortest_path_expert.Imitation, "advance", stop_in_the_third)
+        run(tmp_path / "parts", settings)
+    saved = tmp_path / "parts" / train.IMITATION
+    content = saved.read_bytes()
+    assert {len(episode.actions) for episode in calls[0].episodes} == {16}
+
+    with pytest.raises(RunFolderError, match=r"imitation.*\(lr differ\)"):
+        run(tmp_path / "parts", replace(settings, lr=2e-3))
+    for damage in (lambda name: name.replace(b"hidden", b"hiddem"), lambda name: name.replace(b"PCG64", b"PCG65")):
+        saved.write_bytes(damage(content))
+        with pytest.raises(DataError, match=r"imitation.safetensors is damaged .*; remove it to start"):
+            run(tmp_path / "parts", settings)
+    saved.write_bytes(content)
+
+    parts = run(tmp_path / "parts", settings)
+    before, after = weights_of(whole), weights_of(parts)
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+    assert not saved.exists() and (tmp_path / "parts" / train.CHECKPOINT).exists()
 
 
 def test_episodes_longer_than_a_rollout_run_to_their_end(tmp_path, monkeypatch):
