@@ -1,12 +1,13 @@
 """LPIPS of finished cells whose fields are saved, without training them again."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 from tqdm import tqdm
 
 from autonerf_lab.benchmark.fingerprint import LPIPS
-from autonerf_lab.benchmark.results import Results, load_results
+from autonerf_lab.benchmark.results import Outcome, Results, load_results
 from autonerf_lab.errors import RunFolderError
 from autonerf_lab.evaluators.evaluation import evaluate
 from autonerf_lab.evaluators.lpips import Lpips
@@ -15,11 +16,14 @@ from autonerf_lab.pipeline.run_folder import load_run
 from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
 
+FIELD = "field"
+
 
 def add_lpips(results: Results, lpips: Lpips, progress: bool = True) -> Results:
     """Compute LPIPS for the cells of a grid that was run with ``save_runs`` and without LPIPS.
 
-    The test views are rendered again from the saved fields; all other scores stay. After an interruption, the same call
+    The test views are rendered again from the saved fields, and by the baselines that the cells have; all other scores
+    stay. After an interruption, the same call
     continues.
 
     Args:
@@ -38,7 +42,11 @@ def add_lpips(results: Results, lpips: Lpips, progress: bool = True) -> Results:
         raise RunFolderError(
             f"{results.path} has LPIPS of the weights {results.lpips}, not {lpips.sha256}; give the same file"
         )
-    todo = [o for o in results.outcomes() for row in o.scores if _is_lpips(row) and row.value is None]
+    todo = [
+        outcome
+        for outcome in results.outcomes()
+        if any(_is_lpips(row) and row.value is None for rows in _tables(outcome).values() for row in rows)
+    ]
     for outcome in todo:  # before the first of many minutes
         if not (results.saved_run(outcome.cell) / "run.json").exists():
             raise RunFolderError(
@@ -53,12 +61,28 @@ def add_lpips(results: Results, lpips: Lpips, progress: bool = True) -> Results:
         context = StageContext(load_run(results.saved_run(outcome.cell)))
         found = evaluate(
             context.nerf, context.scene, context.preset, outcome.cell.start, ["rendering"], progress=False,
-            lpips_weights=lpips, oracle=False,
+            trajectory=context.trajectory if outcome.baselines else None, lpips_weights=lpips,
+            oracle="oracle" in outcome.baselines,
         )  # fmt: skip
-        (row,) = filter(_is_lpips, found)
-        scores = [replace(old, value=row.value, status=row.status) if _is_lpips(old) else old for old in outcome.scores]
-        results.write(replace(outcome, scores=tuple(scores)))
+        tables = {
+            name: _with_lpips(rows, found if name == FIELD else found.baselines.get(name, ()))
+            for name, rows in _tables(outcome).items()
+        }
+        results.write(replace(outcome, scores=tables.pop(FIELD), baselines=tables))
     return load_results(results.path)
+
+
+def _tables(outcome: Outcome) -> dict[str, tuple[Score, ...]]:
+    """Return the scores of the field and of each baseline."""
+    return {FIELD: outcome.scores, **outcome.baselines}
+
+
+def _with_lpips(rows: Iterable[Score], found: Iterable[Score]) -> tuple[Score, ...]:
+    """Return scores with the LPIPS of others, if these have one."""
+    new = next(filter(_is_lpips, found), None)
+    return tuple(
+        replace(row, value=new.value, status=new.status) if new is not None and _is_lpips(row) else row for row in rows
+    )
 
 
 def _is_lpips(row: Score) -> bool:

@@ -116,7 +116,11 @@ def test_optional_tasks_and_upstream_scores(run, capsys):
 def test_lpips_is_added_to_finished_cells(run, tmp_path, capsys):
     out, grid = tmp_path / "out", Grid(("frontier",), ("val-0",), 1, preset="smoke")
     (cell,) = grid.cells()
-    open_results(out, grid).write(Outcome(cell, "ok", tuple(Scores.load(run / "scores.json")), {}))
+    baselines = {
+        name: tuple(Scores.load(run / f"baselines/{name}.json")) for name in ("nearest_view", "oracle", "tsdf")
+    }
+    scores = tuple(Scores.load(run / "scores.json"))
+    open_results(out, grid).write(Outcome(cell, "ok", scores, {}, baselines=baselines))
     storage.write_arrays(tmp_path / "vgg", random_weights())
     storage.write_arrays(tmp_path / "other", {k: -v for k, v in random_weights().items()})
     add = ("bench", "lpips", out, "--lpips-weights", tmp_path / "vgg")
@@ -124,10 +128,20 @@ def test_lpips_is_added_to_finished_cells(run, tmp_path, capsys):
     shutil.move(run, out / "runs" / cell.name)
     assert command(*add).returncode == 0
     results = load_results(out)
-    (after,), before = results.outcomes(), Scores.load(out / "runs" / cell.name / "scores.json")
-    changed = [(old.metric, new) for old, new in zip(before, after.scores, strict=True) if old != new]
-    ((metric, new),) = changed
-    assert metric == "lpips" and new.value > 0 and new.status == "ok" and "LPIPS" in (out / "tables.md").read_text()
+    (after,) = results.outcomes()
+    assert after.baselines["tsdf"] == baselines["tsdf"]
+    values = {}
+    for name, old_rows in {
+        "field": scores,
+        "nearest_view": baselines["nearest_view"],
+        "oracle": baselines["oracle"],
+    }.items():
+        new_rows = after.scores if name == "field" else after.baselines[name]
+        ((metric, new),) = [(old.metric, new) for old, new in zip(old_rows, new_rows, strict=True) if old != new]
+        assert (metric, new.status) == ("lpips", "ok")
+        values[name] = new.value
+    assert values["nearest_view"] != values["field"] > 0 == values["oracle"]  # the oracle renders the same images
+    assert "LPIPS" in (out / "tables.md").read_text()
     assert add_lpips(results, Lpips(tmp_path / "vgg")).lpips == results.lpips
     with pytest.raises(RunFolderError, match="give the same file"):
         add_lpips(results, Lpips(tmp_path / "other"))
