@@ -161,11 +161,14 @@ class _Networks(nn.Module):
             parameter.requires_grad_(False)
         self.coarse_map = nn.Linear(2 * BLOCKS_A_SIDE**2, FEATURES, bias=False).requires_grad_(False)
         nn.init.orthogonal_(self.coarse_map.weight, WEIGHT)
+        self.unit: torch.Tensor
         self.first = nn.Linear(2 * FEATURES + len(Action), HIDDEN)
         self.blocks = nn.ModuleList(
             nn.Sequential(nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(), nn.Linear(HIDDEN, HIDDEN)) for _ in range(BLOCKS)
         )
         self.last = nn.Linear(HIDDEN, 2 * FEATURES)
+        # The model computes with features of about unit size; with those of the map in its input, it sometimes diverged.
+        self.register_buffer("unit", torch.tensor([1.0, WEIGHT]).repeat_interleave(FEATURES), persistent=False)
         nn.init.zeros_(self.last.weight)
         nn.init.zeros_(self.last.bias)
 
@@ -175,10 +178,10 @@ class _Networks(nn.Module):
 
     def forward(self, before: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
         """Predict the next features, (N, 256), from features (N, 256) and actions (N,)."""
-        x = leaky_relu(self.first(torch.cat([before, one_hot(action, len(Action))], dim=1)))
+        x = leaky_relu(self.first(torch.cat([before / self.unit, one_hot(action, len(Action))], dim=1)))
         for block in self.blocks:
             x = x + block(x)
-        return before + self.last(x)
+        return before + self.unit * self.last(x)
 
 
 def _coarse_map(map: MapState) -> np.ndarray:

@@ -8,6 +8,7 @@ import torch
 from safetensors.numpy import load_file
 
 from autonerf_lab.evaluators.exploration import summed_rewards
+from autonerf_lab.evaluators.goal_policy import load_goal_policy, reach_goals
 from autonerf_lab.exploration import explore
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.policies import WEIGHTS, load_policy, make_policy, weights_path
@@ -96,3 +97,14 @@ def test_end_to_end_weights_explore_more_than_the_untrained_network(reward):
         for policy in (make_policy(name), load_policy(weights_path(name), trained=False))
     ]
     assert areas[0] > 1.4 * areas[1]
+
+
+def test_pointgoal_weights_reach_their_goals():
+    """They reach 20 of 20 goals, a network before its training none."""
+    scene = load_scene("dev-0")
+    path = WEIGHTS / "pointgoal/pretrained.safetensors"
+    untrained = make_network(read_meta(path)["network"])[1]
+    reached = [
+        sum(end["success"] for end in reach_goals(net, scene, 20)) for net in (load_goal_policy(path), untrained)
+    ]
+    assert reached[0] >= 18 and reached[1] <= 2
