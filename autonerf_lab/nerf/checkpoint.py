@@ -9,14 +9,15 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
+import msgspec
 import numpy as np
 
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.model import Model
-from autonerf_lab.nerf.optimizer import Adam
+from autonerf_lab.nerf.optimizer import Adam, ParameterAverage
 from autonerf_lab.nerf.ray_batch import Array, assign, to_numpy
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.utils.storage import parse_arrays, read_arrays, read_bytes, read_json, write_arrays, write_json
@@ -78,6 +79,7 @@ class TrainingHeader:
 
     identity: dict[str, Any]
     optimizer_steps: dict[str, int]
+    averaged: Annotated[int, msgspec.Meta(ge=0)]
     rng: dict[str, Any]
     step: int
     psnr: float
@@ -97,6 +99,7 @@ class TrainingState:
         rng: generator of all random draws of the training.
 
     Attributes:
+        average: mean of the parameters at the end of the training, if the settings ask for it.
         step: number of steps done.
         psnr: running mean of the training PSNR, dB.
         seconds: duration of the training so far.
@@ -110,10 +113,11 @@ class TrainingState:
 
     def __init__(self, model: Model, optimizer: Adam, rng: np.random.Generator) -> None:
         self.model, self.optimizer, self.rng = model, optimizer, rng
+        self.average = ParameterAverage(model.parameters if model.settings.averaged else {})
         self.step, self.psnr, self.seconds = 0, 0.0, 0.0
         self.losses: dict[str, float] = {}
         self.skipped, self.failures, self.rate_scale = 0, 0, 1.0
-        self._snapshot: tuple[list[np.ndarray], dict[str, int]] | None = None
+        self._snapshot: tuple[list[np.ndarray], dict[str, int], int] | None = None
         self._saved = time.perf_counter()
 
     def resume(self, folder: str | Path, identity: dict[str, Any]) -> None:
@@ -147,6 +151,7 @@ class TrainingState:
             if header.optimizer_steps.keys() != self.optimizer.steps.keys() or min(header.optimizer_steps.values()) < 0:
                 raise ValueError("optimizer_steps")
             self.optimizer.steps.update(header.optimizer_steps)
+            self.average.count = header.averaged
             self.rng.bit_generator.state = header.rng
             for name in self._COUNTERS:
                 setattr(self, name, getattr(header, name))
@@ -169,6 +174,7 @@ class TrainingState:
         header = {
             "identity": self.identity,
             "optimizer_steps": self.optimizer.steps,
+            "averaged": self.average.count,
             "rng": self.rng.bit_generator.state,
             **{name: getattr(self, name) for name in self._COUNTERS},
         }
@@ -178,13 +184,13 @@ class TrainingState:
     def take_snapshot(self) -> None:
         """Copy the parameters and moments, to return to them if the training fails."""
         arrays = [np.copy(to_numpy(array)) for group in self._groups().values() for array in group.values()]
-        self._snapshot = arrays, dict(self.optimizer.steps)
+        self._snapshot = arrays, dict(self.optimizer.steps), self.average.count
 
     def restore_snapshot(self) -> None:
         """Return to the last snapshot, and halve the learning rate."""
         self.rate_scale /= 2
         if self._snapshot is not None:
-            arrays, steps = self._snapshot
+            arrays, steps, self.average.count = self._snapshot
             targets = (array for group in self._groups().values() for array in group.values())
             for target, array in zip(targets, arrays, strict=True):
                 assign(target, array)
@@ -192,7 +198,12 @@ class TrainingState:
 
     def _groups(self) -> dict[str, Mapping[str, Array]]:
         moments: dict[str, Mapping[str, Array]] = {"first": self.optimizer.first, "second": self.optimizer.second}
-        return {"parameter": self.model.parameters, "state": self.model.state, **moments}
+        return {
+            "parameter": self.model.parameters,
+            "state": self.model.state,
+            "average": self.average.sums,
+            **moments,
+        }
 
 
 def save_parts(folder: str | Path, arrays: dict[str, np.ndarray], header: dict[str, Any]) -> None:

@@ -34,6 +34,7 @@ from autonerf_lab.utils.resources import is_out_of_memory
 PATIENCE = 10  # skipped batches in a row before the state returns to a snapshot
 MAX_RETRIES = 3  # returns before the training stops
 SNAPSHOT_EVERY = 250  # steps
+AVERAGE_EVERY = 4  # steps; successive parameters are nearly the same
 SEEN_REACH = 8.0  # largest distance that counts as seen in photographs, units of the field
 FAR_AWAY = 1000.0  # end of the rays of photographs, units of the field
 RANDOM_LABELS = {"noisy", "NoisyLabels"}  # segmenters whose errors do not depend on the distance
@@ -215,6 +216,8 @@ def _train(
             if share >= 1:
                 break
             train_step(state, pixels, share)
+            if share >= 1 - settings.averaged and state.step % AVERAGE_EVERY == 0:
+                state.average.add()
             bar.update()
             if state.step % 20 == 0:
                 bar.set_postfix_str(f"PSNR {state.psnr:.1f} dB")
@@ -222,6 +225,7 @@ def _train(
                 state.save_periodically(checkpoint)
             for callback in callbacks:
                 callback(state.step, state.model)
+    state.average.apply()
 
 
 def train_step(state: TrainingState, pixels: PixelSampler, share: float) -> None:

@@ -1,4 +1,4 @@
-"""Adam over named arrays and tensors, with its state open to checkpoints."""
+"""Adam over named arrays and tensors, and the mean of its last parameters, with their state open to checkpoints."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -40,6 +40,47 @@ class Adam:
             arrays = self.parameters[name], gradient, self.first[name], self.second[name]
             update: Callable = _update_array if isinstance(gradient, np.ndarray) else _update_tensor
             update(*arrays, rates[name], self.steps[name])
+
+
+class ParameterAverage:
+    """Mean of the parameters over the last steps of a training (Izmailov et al. 2018, "Averaging Weights").
+
+    It takes away the noise of a large learning rate, without which a short training would end too early.
+
+    Args:
+        parameters: arrays or tensors by name.
+
+    Attributes:
+        sums: sums of the added parameters by name.
+        count: number of added parameters.
+
+    Example:
+        >>> parameters = {"w": np.array([1.0])}
+        >>> average = ParameterAverage(parameters)
+        >>> average.add()
+        >>> parameters["w"] += 2
+        >>> average.add()
+        >>> average.apply()
+        >>> parameters["w"].tolist()
+        [2.0]
+    """
+
+    def __init__(self, parameters: Arrays) -> None:
+        self.parameters = parameters
+        self.sums: Arrays = {name: _zeros_like(value) for name, value in parameters.items()}
+        self.count = 0
+
+    def add(self) -> None:
+        """Add the present parameters."""
+        for name, value in self.parameters.items():
+            self.sums[name] += value
+        self.count += 1
+
+    def apply(self) -> None:
+        """Replace the parameters by their mean, if any were added."""
+        if self.count:
+            for name, total in self.sums.items():
+                self.parameters[name][...] = total / self.count
 
 
 def _zeros_like(value: Array) -> Array:

@@ -9,11 +9,11 @@ from autonerf_lab.errors import DataError
 MAX_COUNT = 1 << 24  # upper limit of every whole number, and of the entries of all hash levels together
 MAY_BE_ZERO = {
     *("near", "semantic_weight", "rays_by_class", "distortion_weight", "depth_weight", "floor_weight"),
-    *("warmup", "min_weight", "label_distance"),
+    *("warmup", "averaged", "min_weight", "label_distance"),
     *("appearance", "interlevel_weight", "skip"),
 }
 APARTMENT = 160.0  # m² of explored area, above that of every apartment: settings for larger homes grow with the area
-SHARES = {"rays_by_class", "warmup", "min_weight", "decay"}  # at most 1
+SHARES = {"rays_by_class", "warmup", "averaged", "min_weight", "decay"}  # at most 1
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class Settings:
     learning_rate: float = 1e-2
     final_learning_rate: float = 2e-3
     warmup: float = 0.01  # share of the training in which the learning rate rises
+    averaged: float = 0.0  # share of the training, at its end, over whose parameters the field averages
     seen_rays: int = 400_000  # rays that carve the visibility grid after the training
 
     def __post_init__(self) -> None:

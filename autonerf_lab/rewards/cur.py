@@ -167,7 +167,7 @@ class _Networks(nn.Module):
             nn.Sequential(nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(), nn.Linear(HIDDEN, HIDDEN)) for _ in range(BLOCKS)
         )
         self.last = nn.Linear(HIDDEN, 2 * FEATURES)
-        # The model computes with features of about unit size; with those of the map in its input, it sometimes diverged.
+        # The model computes with features of about unit size; with larger ones, it sometimes diverged.
         self.register_buffer("unit", torch.tensor([1.0, WEIGHT]).repeat_interleave(FEATURES), persistent=False)
         nn.init.zeros_(self.last.weight)
         nn.init.zeros_(self.last.bias)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +21,9 @@ def training(value: float = 1.0, seed: int = 0) -> TrainingState:
     """Return a training state in which all numbers differ from their defaults."""
     parameters = {"w": np.full(3, value, np.float32)}
     model = SimpleNamespace(
-        parameters=parameters, state={"grid": np.full(2, value, np.float32)}, settings=SETTINGS["smoke"]
+        parameters=parameters,
+        state={"grid": np.full(2, value, np.float32)},
+        settings=replace(SETTINGS["smoke"], averaged=0.2),
     )
     state = TrainingState(model, Adam(parameters), np.random.default_rng(seed))
     state.optimizer.first["w"][:], state.optimizer.second["w"][:] = value + 1, value + 2
@@ -33,6 +36,7 @@ def saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TrainingState:
     state.step, state.psnr, state.seconds, state.losses = 12, 20.5, 3.25, {"mse": 0.5}
     state.skipped, state.failures, state.rate_scale = 2, 1, 0.25
     state.optimizer.steps["w"] = 11
+    state.average.add()
     state.rng.random(7)
     monkeypatch.setattr(checkpoint, "SAVE_EVERY", 0.0)
     state.save_periodically(tmp_path)
@@ -47,6 +51,18 @@ def test_a_resumed_training_has_the_state_of_the_saved_one(tmp_path: Path, monke
     assert after.optimizer.steps == {"w": 11} and after.rng.random() == before.rng.random()
     assert (after.model.parameters["w"] == 5).all() and (after.model.state["grid"] == 5).all()
     assert (after.optimizer.first["w"] == 6).all() and (after.optimizer.second["w"] == 7).all()
+    assert (after.average.count, after.average.sums["w"].tolist()) == (1, [5.0, 5.0, 5.0])
+
+
+def test_a_return_to_a_snapshot_removes_later_parameters_from_the_average() -> None:
+    state = training(3.0)
+    state.average.add()
+    state.take_snapshot()
+    state.model.parameters["w"][:] = 100
+    state.average.add()
+    state.restore_snapshot()
+    state.average.apply()
+    assert state.average.count == 1 and state.model.parameters["w"].tolist() == [3.0, 3.0, 3.0]
 
 
 def test_a_new_training_starts_from_zero() -> None:

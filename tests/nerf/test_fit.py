@@ -70,13 +70,13 @@ def test_resumed_training_has_the_same_bits(
     trajectory: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(checkpoint, "SAVE_EVERY", 0.0)
-    whole = fit(trajectory, settings=replace(SETTINGS_SMALL, steps=30), preset="smoke", progress=False)
+    settings = replace(SETTINGS_SMALL, steps=30, averaged=0.8)
+    whole = fit(trajectory, settings=settings, preset="smoke", progress=False)
 
     def interrupt(step: int, model: Model) -> None:
         if step == 12:
             raise KeyboardInterrupt
 
-    settings = replace(SETTINGS_SMALL, steps=30)
     with pytest.raises(KeyboardInterrupt):
         fit(trajectory, settings=settings, preset="smoke", progress=False, checkpoint=tmp_path, callback=interrupt)
     steps: list[int] = []
@@ -97,6 +97,21 @@ def test_resumed_training_has_the_same_bits(
         other = replace(trajectory, **{layer: getattr(trajectory, layer)[::-1].copy()})
         with pytest.raises(RunFolderError, match="views"):
             fit(other, settings=settings, preset="smoke", progress=False, checkpoint=tmp_path)
+
+
+def test_the_field_has_the_mean_of_the_last_parameters(trajectory: Trajectory) -> None:
+    seen: list[dict[str, np.ndarray]] = []
+
+    def record(step: int, model: Model) -> None:
+        if step in (20, 24, 28):
+            seen.append({name: np.array(value) for name, value in model.parameters.items()})
+
+    settings = replace(SETTINGS_SMALL, steps=30, averaged=0.4)
+    nerf = fit(trajectory, settings=settings, preset="smoke", progress=False, callback=record)
+    for name, value in nerf.model.parameters.items():
+        mean = np.mean([parameters[name] for parameters in seen], axis=0)
+        np.testing.assert_allclose(value, mean, rtol=1e-5, atol=1e-7, err_msg=name)
+        assert not value.size or (seen[0][name] != seen[2][name]).any()
 
 
 def test_save_and_load(field: NeRF, trajectory: Trajectory, tmp_path: Path) -> None:
