@@ -48,6 +48,8 @@ class Variation:
 
 VARIATIONS = (
     Variation("base", {}),
+    Variation("no average of the last parameters", {"averaged": 0.0}),
+    Variation("no average, lower final learning rate", {"averaged": 0.0, "final_learning_rate": 2e-3}),
     Variation("no distortion loss", {"distortion_weight": 0.0}),
     Variation("interlevel weight 0.1", {"interlevel_weight": 0.1}),
     Variation("24 samples", {"samples": 24}),

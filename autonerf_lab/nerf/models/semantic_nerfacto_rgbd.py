@@ -12,7 +12,7 @@ SETTINGS = {
     "smoke": SurfaceSettings(
         steps=120, rays=1024, levels=6, log2_entries=14, table_rate=10.0, label_distance=0.0, seen_rays=60_000
     ),
-    "fast": SurfaceSettings(steps=3400),
+    "fast": SurfaceSettings(steps=3400, final_learning_rate=5e-3, averaged=0.2),
     "paper": SurfaceSettings(
         steps=30_000,
         rays=4096,
