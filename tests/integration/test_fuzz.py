@@ -6,7 +6,8 @@ import pytest
 NAMES = (
     *("scene.json", "semantics.json", "mesh.glb", "mesh.ply", "mesh.obj", "trajectory", "photographs", "rgb.png"),
     *("depth.png", "classes.png", "nerf.json", "nerf.safetensors", "training.safetensors", "policy.json"),
-    *("policy.safetensors", "checkpoint.safetensors", "run.json", "outputs.json", "grid.json", "cell.json"),
+    *("policy.safetensors", "checkpoint.safetensors", "imitation.safetensors"),
+    *("run.json", "outputs.json", "grid.json", "cell.json"),
     *("scores.json", "figures.json"),
 )
 
