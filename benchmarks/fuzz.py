@@ -24,6 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import torch
@@ -165,8 +166,8 @@ def make_formats(folder: Path) -> list[Format]:
     settings = replace(model_spec("semantic-nerfacto").settings["smoke"], steps=2, rays=32, far=3.0, **sizes)
     field = fit(trajectory, settings=settings, preset="smoke", progress=False)
     field.save(folder / "field")
-    checkpoint.SAVE_EVERY = 0.0
-    fit(trajectory, settings=settings, preset="smoke", progress=False, checkpoint=folder / "training")
+    with patch.object(checkpoint, "SAVE_EVERY", 0.0):
+        fit(trajectory, settings=settings, preset="smoke", progress=False, checkpoint=folder / "training")
     for suffix in (".json", ".safetensors"):
         (folder / f"policy{suffix}").write_bytes((WEIGHTS / f"modular-obs{suffix}").read_bytes())
     run = open_run(folder / "run", RunConfig("val-0", "f00", "random", "smoke", model="instant-ngp"))
