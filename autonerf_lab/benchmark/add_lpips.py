@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 from tqdm import tqdm
 
 from autonerf_lab.benchmark.fingerprint import LPIPS
-from autonerf_lab.benchmark.results import Outcome, Results, load_results
+from autonerf_lab.benchmark.results import Results, load_results
 from autonerf_lab.errors import RunFolderError
 from autonerf_lab.evaluators.evaluation import evaluate
 from autonerf_lab.evaluators.lpips import Lpips
@@ -16,15 +17,12 @@ from autonerf_lab.pipeline.run_folder import load_run
 from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
 
-FIELD = "field"
-
 
 def add_lpips(results: Results, lpips: Lpips, progress: bool = True) -> Results:
     """Compute LPIPS for the cells of a grid that was run with ``save_runs`` and without LPIPS.
 
     The test views are rendered again from the saved fields, and by the baselines that the cells have; all other scores
-    stay. After an interruption, the same call
-    continues.
+    stay. After an interruption, the same call continues.
 
     Args:
         results: results with saved runs.
@@ -45,7 +43,7 @@ def add_lpips(results: Results, lpips: Lpips, progress: bool = True) -> Results:
     todo = [
         outcome
         for outcome in results.outcomes()
-        if any(_is_lpips(row) and row.value is None for rows in _tables(outcome).values() for row in rows)
+        if any(_is_lpips(row) and row.value is None for row in chain(outcome.scores, *outcome.baselines.values()))
     ]
     for outcome in todo:  # before the first of many minutes
         if not (results.saved_run(outcome.cell) / "run.json").exists():
@@ -64,17 +62,9 @@ def add_lpips(results: Results, lpips: Lpips, progress: bool = True) -> Results:
             trajectory=context.trajectory if outcome.baselines else None, lpips_weights=lpips,
             oracle="oracle" in outcome.baselines,
         )  # fmt: skip
-        tables = {
-            name: _with_lpips(rows, found if name == FIELD else found.baselines.get(name, ()))
-            for name, rows in _tables(outcome).items()
-        }
-        results.write(replace(outcome, scores=tables.pop(FIELD), baselines=tables))
+        baselines = {name: _with_lpips(rows, found.baselines.get(name, ())) for name, rows in outcome.baselines.items()}
+        results.write(replace(outcome, scores=_with_lpips(outcome.scores, found), baselines=baselines))
     return load_results(results.path)
-
-
-def _tables(outcome: Outcome) -> dict[str, tuple[Score, ...]]:
-    """Return the scores of the field and of each baseline."""
-    return {FIELD: outcome.scores, **outcome.baselines}
 
 
 def _with_lpips(rows: Iterable[Score], found: Iterable[Score]) -> tuple[Score, ...]:
