@@ -1,8 +1,8 @@
 """Load damaged files: each mutant loads, or raises an error of the package, within 2 seconds of CPU time and 512 MB.
 
-Every format has a valid file, made here, and a loader. Mutants change bytes, cut or repeat parts, or replace, remove
-and add values of the JSON inside. ``--only FORMAT --seed S --first N --mutants 1`` repeats a violation. The last line
-of the output is JSON, with the CPU seconds of each format.
+Each format in the list has a valid file, made here, and a loader. Mutants change bytes, cut or repeat parts, or
+replace, remove and add values of the JSON inside. ``--only FORMAT --seed S --first N --mutants 1`` repeats a violation.
+The last line of the output is JSON, with the CPU seconds of each format.
 
 A mutant depends only on the seed and its number, so a long run can be divided into ranges, for example five nights of
 

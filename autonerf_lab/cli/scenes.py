@@ -68,7 +68,9 @@ class ScenesGenerateCommand:
     rooms: Annotated[
         int | None, option(metavar="N", help="Number of rooms, corridors included, 2 to 14.", default="sampled")
     ] = None
-    floors: Annotated[int | None, option(metavar="N", help="Number of floors, 1 or 2.", default="sampled")] = None
+    floors: Annotated[
+        int | None, option(metavar="N", help="Number of floors, 1 or 2; two need 8 to 14 rooms.", default="1")
+    ] = None
 
     def run(self) -> None:
         """Generate and write the scene."""

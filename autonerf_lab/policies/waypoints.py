@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from autonerf_lab.planning.local_policy import LocalPolicy
-from autonerf_lab.policies.interfaces import waypoint_finished
+from autonerf_lab.policies.interfaces import FOLLOW_STEPS, waypoint_finished
 from autonerf_lab.types import Action, MapState, Observation
 
 
@@ -16,8 +16,8 @@ class WaypointPolicy(ABC):
     within ``arrival`` metres of the last one, or after ``follow`` actions.
     """
 
-    follow: int  # maximum number of actions per waypoint
-    arrival: float  # metres; 0: only ``follow`` ends a waypoint
+    follow: int = FOLLOW_STEPS  # maximum number of actions per waypoint
+    arrival: float = 0.35  # metres; 0: only ``follow`` ends a waypoint
     initial_turns = 0
     waypoint: np.ndarray | None = None
 

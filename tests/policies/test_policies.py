@@ -12,6 +12,7 @@ from autonerf_lab.policies import Frontier, make_policy, weights_sha256
 from autonerf_lab.policies.egocentric import EgocentricInterface, egocentric_shares
 from autonerf_lab.policies.information_gain import RAYS, new_views, unknown_area
 from autonerf_lab.policies.interfaces import pooled
+from autonerf_lab.policies.waypoints import WaypointPolicy
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action, Observation
 
@@ -53,6 +54,23 @@ def test_frontier_beats_random(sim):
         for name in ("frontier", "random")
     }
     assert area["frontier"] > 1.1 * area["random"]
+
+
+def test_a_waypoint_policy_needs_only_its_choice(sim):
+    """Waypoints a metre ahead are within reach before 25 actions; a waypoint in a wall ends after them."""
+
+    class Ahead(WaypointPolicy):
+        metres, chosen = 1.0, 0
+
+        def choose(self, map):
+            self.chosen += 1
+            return map.pose[:2, 3] - self.metres * map.pose[:2, 2]
+
+    near, far = Ahead(), Ahead()
+    far.metres = 50.0
+    for policy in (near, far):
+        explore(sim, policy, steps=50, seed=0, progress=False)
+    assert near.chosen > 5 and far.chosen == 2
 
 
 def test_frontier_goes_where_more_is_unknown():
