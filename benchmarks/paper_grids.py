@@ -2,12 +2,14 @@
 
     python benchmarks/paper_grids.py  # a day and a half on two cores; continues after an interruption
     python benchmarks/paper_grids.py --grids test/policies  # one of them
+    python benchmarks/paper_grids.py --grids test/policies --scenes test-00 --out runs/test-00  # a part of it
     python benchmarks/paper_grids.py --quick  # two small cells, as a check of the script
 
 Each grid has a results folder of its own under ``--out``, in groups. ``test`` compares the policies in the twenty test
 apartments, and varies models, poses and semantics on the trajectories of ``modular-obs``. ``val`` has five starts in
 the five validation apartments, for the correlations of rewards with scores. ``finetuning`` has four of these
-apartments, and ``houses`` the five homes of 180 to 300 m². `results/export.py` makes the tables of a group.
+apartments, and ``houses`` the five homes of 180 to 300 m². `results/export.py` makes the tables of a group, and joins
+parts with other ``--scenes``.
 
 Prints the number of finished cells of each grid and, as the last line, one JSON object.
 """
@@ -53,11 +55,14 @@ def main() -> None:
     """Run the grids and print how much of them is finished."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--grids", nargs="+", default=[*GRIDS], choices=GRIDS, help="Names of grids.")
+    parser.add_argument("--scenes", nargs="+", help="Scenes of all grids, instead of their own.")
     parser.add_argument("--workers", type=int, default=2, help="Cells at a time.")
     parser.add_argument("--out", type=Path, default=Path("runs/paper"), help="Folder of the results folders.")
     parser.add_argument("--quick", action="store_true", help="Two policies in one scene, as a check of the script.")
     options = parser.parse_args()
     grids = {name: GRIDS[name] for name in options.grids}
+    if options.scenes:
+        grids = {name: replace(grid, scenes=tuple(options.scenes)) for name, grid in grids.items()}
     if options.quick:
         small = replace(FIELD, policies=("random", OURS), scenes=("dev-0",), preset="smoke")
         grids, options.out = {"quick": small}, Path(tempfile.mkdtemp())

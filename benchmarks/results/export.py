@@ -4,9 +4,10 @@
     python benchmarks/results/export.py runs/paper/test/* benchmarks/results/test
 
 The output has one results folder per run, of the same name, without the figures of the cells, for `bench report`,
-`bench compare` and `load_results_table`. Paths in the working directory become relative. If a run is unfinished, only
-the scenes are exported that all runs have finished, so that all rows are means over the same scenes. Prints the median
-time per cell, which other load on the machine changes little.
+`bench compare` and `load_results_table`. Paths in the working directory become relative. A grid may be divided: runs of
+the same name, with other scenes, become one results folder, and an earlier output may be one of them. Only scenes are
+exported that are finished under all names, so that all rows are means over the same scenes. Prints the median time per
+cell, which other load on the machine changes little.
 """
 
 import argparse
@@ -49,18 +50,44 @@ def trajectories(runs: list[Results]) -> Figure | None:
     return figure
 
 
-def copy_scenes(run: Results, scenes: list[str], out: Path) -> None:
-    """Copy the grid and the cells of some scenes of a run, with paths relative to the working directory."""
-    content = json.loads((run.path / "grid.json").read_text(encoding="utf-8"))
-    content["grid"]["scenes"] = scenes
-    labels = [label(scene) for scene in scenes]
-    digests = content["grid"]["scene_files"]
-    content["grid"]["scene_files"] = {name: digest for name, digest in digests.items() if name in labels}
-    files = [run.cell_file(cell) for cell in run.grid.cells() if cell.scene in scenes]
-    texts = {file.relative_to(run.path): file.read_text(encoding="utf-8") for file in files}
+def finished_scenes(runs: list[Results]) -> dict[str, Results]:
+    """Return the scenes whose cells are all finished, each with the first run that has finished it."""
+    found: dict[str, Results] = {}
+    for run in runs:
+        finished = {outcome.cell for outcome in run.outcomes() if outcome.finished}
+        missing = {cell.scene for cell in run.grid.cells() if cell not in finished}
+        found = {scene: run for scene in run.grid.scenes if scene not in missing} | found
+    return found
+
+
+def read_relative(file: Path) -> str:
+    """Return the text of a file with paths relative to the working directory."""
+    return file.read_text(encoding="utf-8").replace(f"{Path.cwd()}/", "")
+
+
+def copy_scenes(scenes: dict[str, Results], out: Path) -> None:
+    """Copy the grid and the cells of some scenes of runs of one grid.
+
+    Raises:
+        SystemExit: The runs differ in more than their scenes.
+    """
+    texts: dict[Path, str] = {}
+    digests: dict[str, str] = {}
+    grids: dict[str, Path] = {}
+    for scene, run in scenes.items():
+        content = json.loads(read_relative(run.path / "grid.json"))
+        digests |= {name: sha for name, sha in content["grid"]["scene_files"].items() if name == label(scene)}
+        content["grid"] |= {"scenes": None, "scene_files": None}
+        grids[json.dumps(content, sort_keys=True)] = run.path
+        files = [run.cell_file(cell) for cell in run.grid.cells() if cell.scene == scene]
+        texts |= {file.relative_to(run.path): read_relative(file) for file in files}
+    if len(grids) > 1:
+        raise SystemExit(f"{' and '.join(map(str, grids.values()))} differ in more than their scenes (grid.json)")
+    content = json.loads(next(iter(grids)))
+    content["grid"] |= {"scenes": [*scenes], "scene_files": digests}
     texts[Path("grid.json")] = json.dumps(content, indent=1) + "\n"
     for file, text in texts.items():
-        storage.write_bytes(out / file, text.replace(f"{Path.cwd()}/", "").encode())
+        storage.write_bytes(out / file, text.encode())
 
 
 def main() -> None:
@@ -70,12 +97,14 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="output folder")
     arguments = parser.parse_args()
     runs = [load_results(path) for path in arguments.runs]
-    finished = {outcome.cell for run in runs for outcome in run.outcomes() if outcome.finished}
-    unfinished = {cell.scene for run in runs for cell in run.grid.cells() if cell not in finished}
-    for run in runs:
-        scenes = [scene for scene in run.grid.scenes if scene not in unfinished]
-        copy_scenes(run, scenes, arguments.out / run.path.name)
-    found = load_results_table(*(load_results(arguments.out / run.path.name) for run in runs))
+    names = dict.fromkeys(run.path.name for run in runs)
+    finished = {name: finished_scenes([run for run in runs if run.path.name == name]) for name in names}
+    everywhere = sorted(set.intersection(*map(set, finished.values())))
+    if not everywhere:
+        raise SystemExit("no scene is finished in all runs: nothing to export")
+    for name, scenes in finished.items():
+        copy_scenes({scene: scenes[scene] for scene in everywhere}, arguments.out / name)
+    found = load_results_table(*(load_results(arguments.out / name) for name in names))
     for name, data in table_files(found).items():
         storage.write_bytes(arguments.out / name, data)
     scores_over_policies(found).savefig(arguments.out / "scores.png", dpi=70)

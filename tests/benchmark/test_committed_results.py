@@ -66,3 +66,25 @@ def test_the_finished_scenes_of_all_runs_are_exported_with_relative_paths(monkey
         assert {outcome.cell.scene for outcome in results.outcomes()} == {*results.grid.scenes}
         assert {*load_results(run).grid.scenes} - {*results.grid.scenes} == {first.cell.scene}
         assert len(results.outcomes()) == len(results.grid.cells())
+
+
+def test_parts_of_a_grid_become_one_results_folder(monkeypatch, tmp_path):
+    """The first two scenes are an earlier export, the others a run of the same name; other weights are refused."""
+    whole = runs_of(GROUPS[0])[0]
+    names = load_results(whole).grid.scenes
+    parts = [shutil.copytree(whole, tmp_path / part / whole.name) for part in ("a", "b")]
+    for part, scenes in zip(parts, (names[:2], names[1:]), strict=True):
+        content = json.loads((part / "grid.json").read_text())
+        content["grid"] |= {"scenes": scenes, "scene_files": {n: content["grid"]["scene_files"][n] for n in scenes}}
+        (part / "grid.json").write_text(json.dumps(content))
+    export(monkeypatch, parts[:1], tmp_path / "out")
+    export(monkeypatch, [tmp_path / "out" / whole.name, parts[1]], tmp_path / "out")
+    for name in TABLES:
+        assert (tmp_path / "out" / name).read_bytes() == (GROUPS[0] / name).read_bytes()
+    content["grid"]["weights"]["modular-obs"] = "0" * 64
+    (parts[1] / "grid.json").write_text(json.dumps(content))
+    with pytest.raises(SystemExit, match=r"a/policies and .*b/policies differ in more than their scenes"):
+        export(monkeypatch, parts, tmp_path / "other")
+    shutil.rmtree(parts[0] / "cells")
+    with pytest.raises(SystemExit, match="no scene is finished in all runs"):
+        export(monkeypatch, parts[:1], tmp_path / "other")
