@@ -122,6 +122,10 @@ MARKED = Exercise(
             lambda *args: _marked(*args, band=(0.25, np.inf)),
         ),
         Mistake(
+            "A point at the height of the camera is an obstacle: the height band ends 1 cm above the camera.",
+            lambda *args: _marked(*args, band=(0.25, 0.8799)),
+        ),
+        Mistake(
             "The floor is not an obstacle: the height band starts 25 cm above it.",
             lambda *args: _marked(*args, band=(-0.01, 0.89)),
         ),

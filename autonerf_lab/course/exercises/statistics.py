@@ -115,6 +115,10 @@ PAIRED = Exercise(
                 _half(list(np.subtract(_all(b), _all(a))), _t(sum(map(len, a)))),
             ),
         ),
+        Mistake(
+            "Scenes with more starts count more: the mean difference is the mean of the scene means.",
+            lambda a, b: (float(np.mean(np.subtract(_all(b), _all(a)))), paired(a, b)[1]),
+        ),
     ),
 )
 
