@@ -12,6 +12,7 @@ after an interruption, run the same command again. With more ``--scenes``, only 
 
 import argparse
 import json
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ import numpy as np
 import autonerf_lab as lab
 from autonerf_lab.evaluators import maps
 from autonerf_lab.evaluators.ground_truth import true_map
+from autonerf_lab.nerf.checkpoint import settings_to_json
+from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.utils import storage
 
 THRESHOLDS = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
@@ -31,6 +34,7 @@ def scores_of(name: str, preset: str, policy: str, folder: Path) -> list[dict[st
     """Compute the map scores of one scene, one row per threshold; return saved scores if there are any."""
     identity: dict[str, Any] = {"scene": name, "preset": preset, "policy": policy, "model": "semantic-nerfacto"}
     identity["thresholds"] = list(THRESHOLDS)
+    identity["settings"] = settings_to_json(model_spec(identity["model"]).settings_for(preset))
     path = folder / f"{name}.json"
     if path.exists() and (found := storage.read_json(path, dict[str, Any])).pop("rows") and found == identity:
         return storage.read_json(path, dict[str, Any])["rows"]
@@ -48,6 +52,7 @@ def scores_of(name: str, preset: str, policy: str, folder: Path) -> list[dict[st
         values["occupancy_f1"] = 2 * precision * recall / max(precision + recall, 1e-9)
         rows.append(values)
     storage.write_json(path, {**identity, "rows": rows})
+    shutil.rmtree(folder / name, ignore_errors=True)  # the checkpoint
     return rows
 
 

@@ -24,35 +24,43 @@ from autonerf_lab.evaluators.finetuning import PRETRAINED, evaluate_finetuning
 from autonerf_lab.evaluators.metrics import FINETUNING_STAGES
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit, load_nerf
+from autonerf_lab.nerf.checkpoint import settings_to_json
+from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.policies import weights_sha256
 from autonerf_lab.presets import preset
 from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.utils.storage import read_json, write_json
 
+MODEL = "semantic-nerfacto"
 TUNED = [stage for stage in FINETUNING_STAGES if stage != "pretrained"]
 
 
 def measure(name: str, rate: float, options: argparse.Namespace) -> dict[str, Any]:
     """Return success, SPL and hours of the policies in a scene; saved results if there are any."""
-    identity = {"scene": name, "rate": rate, "frames": options.frames, "episodes": options.episodes}
-    identity |= {"policy": options.policy, "preset": options.preset, "pretrained": weights_sha256(str(PRETRAINED))}
+    field: dict[str, Any] = {"policy": options.policy, "weights": weights_sha256(options.policy)}
+    field |= {"preset": options.preset, "settings": settings_to_json(model_spec(MODEL).settings_for(options.preset))}
+    identity = {"scene": name, "rate": rate, "frames": options.frames, "episodes": options.episodes, "field": field}
+    identity["pretrained"] = weights_sha256(str(PRETRAINED))
     folder = options.out / name
     path = folder / f"{rate:g}.json"
     if path.exists() and (found := read_json(path, dict[str, Any]))["identity"] == identity:
         return found
     scene, sizes = load_scene(name), preset(options.preset)
-    if not (folder / "field/nerf.json").exists():
+    made = folder / "field.json"
+    if not made.exists() or read_json(made, dict[str, Any]) != field:
         sim = Simulator.from_preset(scene, sizes)
         trajectory = explore(sim, options.policy, steps=sizes.episode_steps, seed=0, progress=False)
-        fit(trajectory, preset=sizes, checkpoint=folder / "training", progress=False).save(folder / "field")
+        fit(trajectory, MODEL, sizes, checkpoint=folder / "field", progress=False).save(folder / "field")
+        write_json(made, field)
     mesh = EvaluationContext(load_nerf(folder / "field"), scene, sizes, 0).surface_with_floor
     result = evaluate_finetuning(
-        mesh, scene, options.frames, options.episodes, 0, folder / f"{rate:g}", dict.fromkeys(TUNED, rate)
+        mesh, scene, options.frames, options.episodes, 0, folder / "trainings", dict.fromkeys(TUNED, rate)
     )
-    row = {"identity": identity, "scores": result.values, "status": result.status, "details": result.details}
-    write_json(path, row)
+    row = {"identity": identity, "scores": result.values, "details": result.details}
     print(f"{name} {rate:g}: {result.values} {result.status}", flush=True)
+    if not result.status:
+        write_json(path, row)
     return row
 
 

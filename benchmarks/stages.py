@@ -31,7 +31,8 @@ from autonerf_lab.evaluators import evaluate, oracle_scores
 from autonerf_lab.evaluators.metrics import Metric
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit
-from autonerf_lab.nerf.models import MODELS
+from autonerf_lab.nerf.checkpoint import settings_to_json
+from autonerf_lab.nerf.models import MODELS, model_spec
 from autonerf_lab.policies import weights_sha256
 from autonerf_lab.presets import preset
 from autonerf_lab.scenes import scene_names
@@ -64,7 +65,7 @@ def measure(name: str, column: str, model: str, options: argparse.Namespace) -> 
     """Score a field, or the true geometry, in a scene; return saved scores if there are any."""
     identity = {"scene": name, "column": column, "preset": options.preset}
     if column != "true geometry":
-        identity["model"] = model
+        identity |= {"model": model, "settings": settings_to_json(model_spec(model).settings_for(options.preset))}
     if column == "trajectory":
         identity |= {"policy": options.policy, "weights": weights_sha256(options.policy)}
     if column == "uniform views":
@@ -84,6 +85,8 @@ def measure(name: str, column: str, model: str, options: argparse.Namespace) -> 
             trajectory = photographs(sim, options.views, TRAIN_SEED)
         nerf = fit(trajectory, model, sizes, checkpoint=options.out / label, progress=False)
         scores = evaluate(nerf, scene, sizes, tasks=TASKS, progress=False)
+    if failed := sorted({row.status for row in scores if row.status.startswith("failed")}):
+        raise SystemExit(f"{label}: {'; '.join(failed)}; run the same command again to continue")
     values = {metric.full_heading: scores[metric.key] for metric in METRICS}
     storage.write_json(path, {"identity": identity, "scores": values})
     shutil.rmtree(options.out / label, ignore_errors=True)  # the checkpoint

@@ -145,7 +145,12 @@ def _differences(found: ResultsTable) -> Table:
         if row[0] != reference and (reference in REFERENCES or row[0].startswith("modular-"))
     ]
     pairs += [(row, (f"{row[0]}-imitation", row[1])) for row in rows]  # what PPO adds to the demonstrations
-    pairs = [(row, other) for row, other in pairs if other in found.episodes]
+    # Of a difference with both signs, the first one: Holm's correction must count it once.
+    pairs = [
+        (row, other)
+        for k, (row, other) in enumerate(pairs)
+        if other in found.episodes and (other, row) not in pairs[:k]
+    ]
     texts = [(row, other, f"{row[0]} − {other[0]}" + several * f", {row[1]}") for row, other in pairs]
     lines = _difference_lines(found, texts, paper.HEADLINES)
     note = power(found, pairs) if lines else "No frontier, random or end-to-end policy to compare with."

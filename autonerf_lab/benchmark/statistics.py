@@ -49,7 +49,10 @@ class Interval:
 
     @property
     def detectable(self) -> float:
-        """Smallest true mean that a test at the 5 % level finds with a probability of 80 %; nan for a single scene."""
+        """Smallest true mean that a test at the 5 % level finds with a probability of about 80 %.
+
+        The usual sum of two quantiles: 80 % for ten scenes and more, 79 % for five, 73 % for two; nan for one.
+        """
         t = _t(self)
         return float(t.ppf((1 + LEVEL) / 2) + t.ppf(POWER)) * self.standard_error
 

@@ -21,7 +21,7 @@ from autonerf_lab.classes import CLASS_NAMES
 from autonerf_lab.data.episodes import Episode, Vector, scene_name
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.evaluators.scores import Scores
-from autonerf_lab.geometry import Intrinsics, cell_to_world, planar_pose
+from autonerf_lab.geometry import Intrinsics, cell_to_world, planar_pose, world_to_cell
 from autonerf_lab.mapping import Mapper, empty_map
 from autonerf_lab.mapping.semantic_map import MAP_CELL
 from autonerf_lab.planning import LocalPolicy, travel_distance, weighted_success
@@ -217,7 +217,8 @@ def _run(
     shortest = float(distance[tuple(starts[0])])
     if not np.isfinite(shortest):
         return row | {"status": "there is no path to the goal"}
-    if not ground.is_navigable(x, y):
+    own_cell = world_to_cell(np.array([x, y]), ground.origin, ground.cell)
+    if not ground.is_navigable(x, y) or (own_cell != starts[0]).any():  # the robot may fit, but in a closed-off corner
         x, y = (float(v) for v in cell_to_world(starts[0], ground.origin, ground.cell))
     observation = sim.reset(pose=planar_pose(x, y, heading))
     category = CLASS_NAMES[class_of(episode.category)] if episode.category else ""  # "sofa" is "couch" here

@@ -12,6 +12,7 @@ scene. The preset ``paper`` does the same. ``fast`` has a tenth of the frames an
 and learning rates are saved with the scores (``scores.details``).
 """
 
+import hashlib
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,7 +24,7 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.metrics import FINETUNING_STAGES, metrics_of
 from autonerf_lab.evaluators.navigation import mesh_scene
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult, failure
-from autonerf_lab.policies import WEIGHTS
+from autonerf_lab.policies import WEIGHTS, weights_sha256
 from autonerf_lab.scenes.scene import Scene
 from autonerf_lab.simulator.navigation import build_navigation
 
@@ -102,6 +103,9 @@ def _finetune(scene: Scene, frames: int, rate: float, seed: int, folder: Path) -
     from autonerf_lab.training.train import train_policy
 
     settings = settings_of(POINTGOAL, seed=seed, frames=frames, lr=rate)
+    # Another mesh, budget or start is another training, also in the same folder.
+    training = f"{scene.sha256} {frames} {rate} {seed} {weights_sha256(str(PRETRAINED))}"
+    folder = folder / hashlib.sha256(training.encode()).hexdigest()[:12]
     workers = torch.get_num_threads()  # number of threads of this process
     return train_policy(POINTGOAL, folder, settings, None, workers, False, scenes=[scene], start=PRETRAINED)
 

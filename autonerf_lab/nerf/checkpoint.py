@@ -20,7 +20,15 @@ from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.optimizer import Adam, ParameterAverage
 from autonerf_lab.nerf.ray_batch import Array, assign, to_numpy
 from autonerf_lab.nerf.settings import Settings
-from autonerf_lab.utils.storage import parse_arrays, read_arrays, read_bytes, read_json, write_arrays, write_json
+from autonerf_lab.utils.storage import (
+    MAX_ARRAY_BYTES,
+    parse_arrays,
+    read_arrays,
+    read_bytes,
+    read_json,
+    write_arrays,
+    write_json,
+)
 
 VERSION = 3  # of nerf.json
 SAVE_EVERY = 20.0  # seconds of training between two checkpoints
@@ -210,9 +218,8 @@ def save_parts(folder: str | Path, arrays: dict[str, np.ndarray], header: dict[s
     """Write the arrays and the JSON description of a field, and remove the training checkpoint of the folder."""
     folder = Path(folder)
     write_arrays(folder / ARRAYS_FILE, arrays)
-    write_json(
-        folder / "nerf.json", {"version": VERSION, "arrays_sha256": _digest(read_bytes(folder / ARRAYS_FILE)), **header}
-    )
+    digest = _digest(read_bytes(folder / ARRAYS_FILE, MAX_ARRAY_BYTES))
+    write_json(folder / "nerf.json", {"version": VERSION, "arrays_sha256": digest, **header})
     (folder / TRAINING_FILE).unlink(missing_ok=True)
 
 
@@ -226,7 +233,7 @@ def load_parts(folder: str | Path) -> tuple[dict[str, np.ndarray], FieldHeader]:
     header = read_json(path, FieldHeader)
     if header.version != VERSION:
         raise DataError(f"{path} has version {header.version}, this release reads {VERSION}; fit again")
-    data = read_bytes(arrays)
+    data = read_bytes(arrays, MAX_ARRAY_BYTES)
     if header.arrays_sha256 != _digest(data):
         raise DataError(f"{arrays} does not belong to {path.name} beside it: saving was interrupted; fit again")
     return parse_arrays(data, dict[str, Any], str(arrays))[0], header
@@ -242,5 +249,5 @@ def settings_to_json(settings: Settings) -> dict[str, Any]:
 
 
 def _difference(found: dict[str, Any], wanted: dict[str, Any]) -> str:
-    names = [name for name in wanted if found.get(name) != wanted[name]]
+    names = (name for name in {**wanted, **found} if found.get(name) != wanted.get(name))
     return "different " + ", ".join(names)

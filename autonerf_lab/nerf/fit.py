@@ -90,12 +90,14 @@ def fit(
     Raises:
         UnknownNameError: the model or preset does not exist.
         WrongTypeError: ``model`` is neither a name nor a ModelSpec.
-        DataError: the data cannot be learned from.
+        DataError: the data cannot be learned from, or ``seconds`` is not above 0.
         DeviceError: the device does not exist on this machine.
         MissingPackageError: ``log_dir`` without TensorBoard.
         TrainingError: the losses stay not finite after retries, or memory is short.
     """
     check_device(device)
+    if seconds is not None and not 0 < seconds < np.inf:
+        raise DataError(f"seconds must be a finite number above 0, not {seconds!r}")
     spec = model_spec(model)
     chosen = presets.preset(preset)
     data = Dataset.from_trajectory(data) if isinstance(data, Trajectory) else data
@@ -122,7 +124,8 @@ def fit(
             built.sampler.observe(pixels)
         state = TrainingState(built, Adam(built.parameters), rng)
         if checkpoint is not None:
-            state.resume(checkpoint, {"seed": seed, "model": spec.name, "views": _fingerprint(data)})
+            limit = {} if seconds is None else {"seconds": seconds}
+            state.resume(checkpoint, {"seed": seed, "model": spec.name, "views": _fingerprint(data)} | limit)
         log = None if log_dir is None else TensorBoardLog(log_dir, state.step)
         callbacks = [call for call in (callback, log) if call is not None]
         try:

@@ -73,14 +73,19 @@ class ParameterAverage:
     def add(self) -> None:
         """Add the present parameters."""
         for name, value in self.parameters.items():
-            self.sums[name] += value
+            self.sums[name] += _values(value)
         self.count += 1
 
     def apply(self) -> None:
         """Replace the parameters by their mean, if any were added."""
         if self.count:
             for name, total in self.sums.items():
-                self.parameters[name][...] = total / self.count
+                _values(self.parameters[name])[...] = total / self.count
+
+
+def _values(value: Array) -> Array:
+    """Return an array, or a tensor without its gradient, that shares memory with ``value``."""
+    return value if isinstance(value, np.ndarray) else value.detach()
 
 
 def _zeros_like(value: Array) -> Array:

@@ -23,7 +23,7 @@ from autonerf_lab.policies.interfaces import WINDOW_METRES, PolicyInterface, way
 from autonerf_lab.policies.spec import spec_of
 from autonerf_lab.policies.symmetry import SquareSymmetry
 from autonerf_lab.rewards import Reward
-from autonerf_lab.training.settings import PolicySettings
+from autonerf_lab.training.settings import PolicySettings, Scenes
 
 EPOCHS, BATCH, LR = 8, 64, 3e-3
 
@@ -42,9 +42,13 @@ class Demonstrations:
 
 
 def demonstrate(
-    interface: PolicyInterface, settings: PolicySettings, reward: str | Reward, progress: bool = False
+    interface: PolicyInterface,
+    settings: PolicySettings,
+    reward: str | Reward,
+    progress: bool = False,
+    scenes: Scenes = None,
 ) -> Demonstrations:
-    """Record ``settings.demonstrations`` episodes of frontier exploration.
+    """Record ``settings.demonstrations`` episodes of frontier exploration, in ``scenes`` or those of the settings.
 
     Example:
         >>> from autonerf_lab.policies.interfaces import CompactInterface
@@ -55,7 +59,7 @@ def demonstrate(
         ((19, 32, 32), True)
     """
     env = ExploreEnv(
-        scene=settings.scenes or None,
+        scene=scenes or settings.scenes or None,
         reward=reward,
         size=settings.sensor,
         rgb=False,

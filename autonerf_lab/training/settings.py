@@ -1,13 +1,16 @@
 """Settings of policy training, with defaults for each policy."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.policies.spec import SPECS, spec_of
+from autonerf_lab.scenes import Scene
 
 POINTGOAL = "pointgoal"  # name of the PointGoal policy
+Scenes = Sequence[str | Scene] | None  # of a training; None for those of the settings
 
 
 @dataclass(frozen=True)

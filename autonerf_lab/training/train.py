@@ -13,7 +13,7 @@ gives bit-identical weights.
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from operator import mul
@@ -34,19 +34,17 @@ from autonerf_lab.policies.networks import RecurrentNetwork
 from autonerf_lab.policies.spec import make_interface, make_network, spec_of
 from autonerf_lab.policies.weights import load_weights, save_weights
 from autonerf_lab.rewards import Reward, make_reward
-from autonerf_lab.scenes import Scene
 from autonerf_lab.training.augmentation import SymmetryAugmentation
 from autonerf_lab.training.checkpoint import CHECKPOINT, read_checkpoint
 from autonerf_lab.training.imitation import demonstrate, imitate
 from autonerf_lab.training.ppo import make_ppo, network_of
 from autonerf_lab.training.probe import probe
 from autonerf_lab.training.session import CheckpointHeader, TrainingSession
-from autonerf_lab.training.settings import PolicySettings, command_of, settings_of
+from autonerf_lab.training.settings import PolicySettings, Scenes, command_of, settings_of
 from autonerf_lab.training.shortest_path_expert import imitate_shortest_paths
 from autonerf_lab.training.worker_pool import MakeEnv, WorkerPool
 from autonerf_lab.utils.storage import write_bytes
 
-Scenes = Sequence[str | Scene] | None
 _File = tuple[Path, dict[str, Any]]  # path of a checkpoint, and the fingerprint of its training
 IMITATION = "imitation.safetensors"  # checkpoint of a PointGoal policy before PPO
 
@@ -73,14 +71,27 @@ def make_env(settings: PolicySettings, reward: str | Reward, scenes: Scenes = No
 
 
 def _imitate_frontier(
-    network: nn.Module, settings: PolicySettings, reward: str | Reward, make: MakeEnv, checkpoint: _File, progress: bool
+    network: nn.Module,
+    settings: PolicySettings,
+    reward: str | Reward,
+    scenes: Scenes,
+    make: MakeEnv,
+    checkpoint: _File,
+    progress: bool,
 ) -> float:
-    imitate(network, demonstrate(make_interface(settings.network), settings, reward, progress), settings, progress)
+    shown = demonstrate(make_interface(settings.network), settings, reward, progress, scenes)
+    imitate(network, shown, settings, progress)
     return 0.0
 
 
 def _imitate_shortest_paths(
-    network: nn.Module, settings: PolicySettings, reward: str | Reward, make: MakeEnv, checkpoint: _File, progress: bool
+    network: nn.Module,
+    settings: PolicySettings,
+    reward: str | Reward,
+    scenes: Scenes,
+    make: MakeEnv,
+    checkpoint: _File,
+    progress: bool,
 ) -> float:
     assert isinstance(network, RecurrentNetwork)
     return imitate_shortest_paths(network, make, settings, *checkpoint, progress)
@@ -161,7 +172,8 @@ def train_policy(
                 load_weights(first, network)
             elif settings.demonstrations and spec.teacher:
                 saved = folder / IMITATION, fingerprint
-                session.seconds = TEACHERS[spec.teacher](network.cpu(), settings, chosen, make, saved, progress)
+                teach = TEACHERS[spec.teacher]
+                session.seconds = teach(network.cpu(), settings, chosen, scenes, make, saved, progress)
                 network.to(device)
             session.share_reward()  # its random initial values may differ between processes
             session.save()

@@ -46,9 +46,13 @@ class WorkerPool(VecEnv):
             there.close()
             self._pipes.append(here)
             self._processes.append(process)
-        self._send([("spaces",)] * len(self._pipes))
-        super().__init__(environments, *self._receive()[0])
-        self.set_episode(0)
+        try:
+            self._send([("spaces",)] * len(self._pipes))
+            super().__init__(environments, *self._receive()[0])
+            self.set_episode(0)
+        except BaseException:
+            self.close()
+            raise
 
     def set_episode(self, episode: int) -> None:
         """Set the number of the episode that the next :meth:`reset` begins."""

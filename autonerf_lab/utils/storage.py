@@ -20,6 +20,7 @@ from autonerf_lab.errors import DataError
 T = TypeVar("T")
 
 MAX_BYTES = 256 << 20  # of a file that is read
+MAX_ARRAY_BYTES = 2 << 30  # the checkpoint of a large field has four copies of its parameters
 MAX_JSON_BYTES = 32 << 20  # parsed JSON takes about ten times as much memory
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _TEMPORARY = re.compile(r"\..+\.\w+\.[a-z0-9_]{8}")  # names that mkstemp makes from the prefix in write_bytes
@@ -206,7 +207,7 @@ def read_arrays(path: str | Path, header: type[T]) -> tuple[dict[str, np.ndarray
         Traceback (most recent call last):
         autonerf_lab.errors.DataError: /nowhere.safetensors does not exist
     """
-    return parse_arrays(read_bytes(path), header, str(path))
+    return parse_arrays(read_bytes(path, MAX_ARRAY_BYTES), header, str(path))
 
 
 def parse_arrays(data: bytes, header: type[T], source: str) -> tuple[dict[str, np.ndarray], T]:

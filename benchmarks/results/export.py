@@ -29,13 +29,13 @@ from autonerf_lab.utils import storage
 def trajectories(runs: list[Results]) -> Figure | None:
     """Plot the trajectory of each policy from one start in one scene in top view; None for runs without figures."""
     scene = runs[0].grid.scenes[0]
-    files = {
-        label(cell.policy): run.path / "figures" / f"{cell.name}_trajectory.webp"
+    files = (
+        (label(cell.policy), run.path / "figures" / f"{cell.name}_trajectory.webp")
         for run in runs
         for cell in run.grid.cells()
         if (cell.scene, cell.start) == (scene, 0) and not cell.conditions
-    }
-    shown = {policy: file for policy, file in files.items() if file.exists()}
+    )
+    shown = {policy: file for policy, file in files if file.exists()}
     if not shown:
         return None
     columns = min(6, (len(shown) + 1) // 2)
@@ -50,19 +50,22 @@ def trajectories(runs: list[Results]) -> Figure | None:
     return figure
 
 
+def relative(text: str) -> str:
+    """Return a text with paths relative to the working directory."""
+    return text.replace(f"{Path.cwd()}/", "")
+
+
 def finished_scenes(runs: list[Results]) -> dict[str, Results]:
-    """Return the scenes whose cells are all finished, each with the first run that has finished it."""
+    """Return the scenes whose cells are all finished, each with the first run that has finished it.
+
+    Scenes are named as in the output, with relative paths.
+    """
     found: dict[str, Results] = {}
     for run in runs:
         finished = {outcome.cell for outcome in run.outcomes() if outcome.finished}
         missing = {cell.scene for cell in run.grid.cells() if cell not in finished}
-        found = {scene: run for scene in run.grid.scenes if scene not in missing} | found
+        found = {relative(scene): run for scene in run.grid.scenes if scene not in missing} | found
     return found
-
-
-def read_relative(file: Path) -> str:
-    """Return the text of a file with paths relative to the working directory."""
-    return file.read_text(encoding="utf-8").replace(f"{Path.cwd()}/", "")
 
 
 def copy_scenes(scenes: dict[str, Results], out: Path) -> None:
@@ -75,12 +78,12 @@ def copy_scenes(scenes: dict[str, Results], out: Path) -> None:
     digests: dict[str, str] = {}
     grids: dict[str, Path] = {}
     for scene, run in scenes.items():
-        content = json.loads(read_relative(run.path / "grid.json"))
+        content = json.loads(relative((run.path / "grid.json").read_text(encoding="utf-8")))
         digests |= {name: sha for name, sha in content["grid"]["scene_files"].items() if name == label(scene)}
         content["grid"] |= {"scenes": None, "scene_files": None}
         grids[json.dumps(content, sort_keys=True)] = run.path
-        files = [run.cell_file(cell) for cell in run.grid.cells() if cell.scene == scene]
-        texts |= {file.relative_to(run.path): read_relative(file) for file in files}
+        files = [run.cell_file(cell) for cell in run.grid.cells() if relative(cell.scene) == scene]
+        texts |= {file.relative_to(run.path): relative(file.read_text(encoding="utf-8")) for file in files}
     if len(grids) > 1:
         raise SystemExit(f"{' and '.join(map(str, grids.values()))} differ in more than their scenes (grid.json)")
     content = json.loads(next(iter(grids)))

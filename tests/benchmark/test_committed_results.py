@@ -68,6 +68,20 @@ def test_the_finished_scenes_of_all_runs_are_exported_with_relative_paths(monkey
         assert len(results.outcomes()) == len(results.grid.cells())
 
 
+def test_scene_files_in_the_working_directory_are_exported_with_relative_paths(monkeypatch, tmp_path):
+    run = shutil.copytree(runs_of(GROUPS[0])[0], tmp_path / "run")
+    monkeypatch.chdir(tmp_path)
+    moved = f"{tmp_path}/val-0.json"
+    for file in (run / "grid.json", *(run / "cells").glob("val-0_*.json")):
+        file.write_text(file.read_text().replace('"val-0"', f'"{moved}"'))
+    content = json.loads((run / "grid.json").read_text())
+    content["grid"]["scene_files"]["val-0"] = content["grid"]["scene_files"].pop(moved)
+    (run / "grid.json").write_text(json.dumps(content))
+    export(monkeypatch, [run], tmp_path / "out")
+    results = load_results(tmp_path / "out/run")
+    assert "val-0.json" in results.grid.scenes and len(results.outcomes()) == len(results.grid.cells())
+
+
 def test_parts_of_a_grid_become_one_results_folder(monkeypatch, tmp_path):
     """The first two scenes are an earlier export, the others a run of the same name; other weights are refused."""
     whole = runs_of(GROUPS[0])[0]

@@ -102,6 +102,18 @@ def test_differences_are_paired(tmp_path):
     assert made["mIoU [%]"].text == "–"
 
 
+def test_a_difference_is_compared_once(tmp_path):
+    """Each reference is compared with the others, but not in both directions: Holm's correction counts them all."""
+    grid = replace(GRID, policies=("frontier-classic", "frontier", "modular-obs"))
+    values = {"frontier-classic": [9.0, 19.0, 29.0], "frontier": [10.0, 20.0, 30.0], "modular-obs": [11.0, 21.0, 31.0]}
+    found = load_results_table(folder(tmp_path, values, grid))
+    assert [row[0].text for row in table("differences", found).rows] == [
+        "frontier − frontier-classic",
+        "modular-obs − frontier-classic",
+        "modular-obs − frontier",
+    ]
+
+
 def test_an_oracle_is_no_competitor(tmp_path):
     grid = replace(GRID, policies=("frontier", "modular-obs", "oracle-obs"))
     values = {"frontier": [10.0, 20.0, 30.0], "modular-obs": [11.0, 21.1, 31.0], "oracle-obs": [50.0, 50.0, 50.0]}

@@ -115,8 +115,13 @@ def test_training_in_the_mesh_and_evaluation_in_the_true_scene(scene, weights, t
     assert all(0 <= result.values[name] <= 100 for name in NAMES)
     assert result.artifact["finetuned"]["frames"] >= 64 > result.artifact["pretrained"]["frames"]
     for stage in ("finetuned", "finetuned_true_mesh"):
-        policy = load_goal_policy(tmp_path / stage / "policy")
+        (path,) = (tmp_path / stage).glob("*/policy.safetensors")
+        policy = load_goal_policy(path)
         assert result.artifact[stage]["episodes"] == reach_goals(policy, scene, 3)
+
+    moved = trimesh.Trimesh(np.add(scene.vertices, 0.01), scene.faces, process=False)
+    assert not evaluate_finetuning(moved, scene, 64, 3, folder=tmp_path).status, "another mesh, in the same folder"
+    assert [len([*(tmp_path / stage).iterdir()]) for stage in ("finetuned", "finetuned_true_mesh")] == [2, 1]
 
     assert len(finetuning_results(result.artifact).axes[1].patches) == 6
     scores = Scores(Score("finetuning", name, value) for name, value in result.values.items())

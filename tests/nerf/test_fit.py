@@ -3,6 +3,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -112,6 +113,38 @@ def test_the_field_has_the_mean_of_the_last_parameters(trajectory: Trajectory) -
         mean = np.mean([parameters[name] for parameters in seen], axis=0)
         np.testing.assert_allclose(value, mean, rtol=1e-5, atol=1e-7, err_msg=name)
         assert not value.size or (seen[0][name] != seen[2][name]).any()
+
+
+def test_a_model_in_torch_has_the_mean_of_the_last_parameters_too(trajectory: Trajectory) -> None:
+    settings = replace(SETTINGS_SMALL, steps=12, rays=64, averaged=0.5)
+    nerf = fit(trajectory, settings=settings, preset="smoke", device="cpu", progress=False)
+    other = fit(trajectory, settings=replace(settings, averaged=0.0), preset="smoke", device="cpu", progress=False)
+    found, raw = (np.concatenate([to_numpy(v).ravel() for v in n.model.parameters.values()]) for n in (nerf, other))
+    assert np.isfinite(found).all() and (found != raw).any()
+
+
+@pytest.mark.parametrize("seconds", [0, -1.0, float("nan"), float("inf")])
+def test_a_duration_that_never_ends_is_refused(trajectory: Trajectory, seconds: float) -> None:
+    with pytest.raises(DataError, match="seconds must be a finite number above 0"):
+        fit(trajectory, seconds=seconds, progress=False)
+
+
+def test_a_training_of_another_duration_is_not_continued(
+    trajectory: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mean would have parameters of the beginning."""
+    monkeypatch.setattr(checkpoint, "SAVE_EVERY", 0.0)
+
+    def interrupt(step: int, model: Model) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    options: dict[str, Any] = {"settings": SETTINGS_SMALL, "preset": "smoke", "progress": False}
+    with pytest.raises(KeyboardInterrupt):
+        fit(trajectory, seconds=100, checkpoint=tmp_path, callback=interrupt, **options)
+    for seconds in (200, None):
+        with pytest.raises(RunFolderError, match="different seconds"):
+            fit(trajectory, seconds=seconds, checkpoint=tmp_path, **options)
 
 
 def test_save_and_load(field: NeRF, trajectory: Trajectory, tmp_path: Path) -> None:

@@ -36,6 +36,20 @@ def test_the_teacher_is_not_imitated_while_it_looks_around_at_its_waypoint():
     assert min(interface.distances) >= interface.arrival and len(decisions) >= 10
 
 
+def test_demonstrations_are_in_the_scenes_of_the_training(monkeypatch, tmp_path):
+    scenes = []
+
+    class Env(ExploreEnv):
+        def __init__(self, **options):
+            scenes.append(options["scene"])
+            super().__init__(**options)
+
+    monkeypatch.setattr(imitation, "ExploreEnv", Env)
+    short = replace(SMALL, frames=0, demonstrations=1, environments=1, batch=20)
+    train.train_policy("modular-cov", tmp_path, short, workers=1, progress=False, scenes=["dev-0"])
+    assert scenes == [["dev-0"]]
+
+
 def test_imitation_learns_actions_and_values_of_frontier(monkeypatch):
     monkeypatch.setattr(imitation, "EPOCHS", 10)  # for a small number of decisions
     monkeypatch.setattr(imitation, "BATCH", 8)

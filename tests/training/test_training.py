@@ -1,5 +1,6 @@
 """Training of policies: the vector environment, interruptions and errors."""
 
+import multiprocessing
 import os
 import signal
 from dataclasses import replace
@@ -115,6 +116,13 @@ def test_errors_of_a_reward_name_the_worker(reward, message):
             pool.reset()  # the initial turns are rewarded too
     finally:
         pool.close()
+
+
+def test_workers_end_if_one_cannot_make_its_environment():
+    before = {process.pid for process in multiprocessing.active_children()}
+    with pytest.raises(TrainingError, match=r"worker 0.*nowhere"):
+        WorkerPool(partial(train.make_env, replace(TINY, scenes=("nowhere",)), "cov"), environments=2, workers=2)
+    assert {process.pid for process in multiprocessing.active_children()} <= before
 
 
 def test_a_dead_worker_is_named():

@@ -171,6 +171,18 @@ def test_the_limits_are_256_and_32_megabytes(tmp_path: Path) -> None:
         read_json(path, dict[str, Any])
 
 
+def test_the_arrays_of_a_large_field_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "large"
+    with path.open("wb") as file:
+        file.truncate(256 * 1024**2 + 1)
+    with pytest.raises(DataError, match="is damaged"):  # not: too large
+        read_arrays(path, dict[str, Any])
+    with path.open("wb") as file:
+        file.truncate(2 * 1024**3 + 1)
+    with pytest.raises(DataError, match="at most 2147483648 are read"):
+        read_arrays(path, dict[str, Any])
+
+
 def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a").write_bytes(b"1")
 
