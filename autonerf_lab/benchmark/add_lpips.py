@@ -13,7 +13,7 @@ from autonerf_lab.errors import RunFolderError
 from autonerf_lab.evaluators.evaluation import evaluate
 from autonerf_lab.evaluators.lpips import Lpips
 from autonerf_lab.pipeline.context import StageContext
-from autonerf_lab.pipeline.run_folder import load_run
+from autonerf_lab.pipeline.run_folder import load_run, locked
 from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
 
@@ -36,6 +36,11 @@ def add_lpips(results: Results, lpips: Lpips, progress: bool = True) -> Results:
         RunFolderError: a finished cell has no saved run, or the cells have LPIPS of other weights.
         DataError: a file is damaged or cannot be written.
     """
+    with locked(results.path):
+        return _add(load_results(results.path), lpips, progress)
+
+
+def _add(results: Results, lpips: Lpips, progress: bool) -> Results:
     if results.lpips not in (None, lpips.sha256):
         raise RunFolderError(
             f"{results.path} has LPIPS of the weights {results.lpips}, not {lpips.sha256}; give the same file"

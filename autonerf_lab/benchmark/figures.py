@@ -46,12 +46,14 @@ def coverage_curves(found: ResultsTable) -> Figure:
     """Plot the coverage over the episode by policy: mean over scenes, and a band from worst to best scene."""
     figure = Figure(figsize=(13, 3.8), layout="constrained")
     axes = figure.subplots(1, len(CURVES), sharey=True)
-    policies = list(dict.fromkeys(policy for policy, _ in found.rows))
+    # Models share a curve, because they have the same trajectories; noise and pose sources do not.
+    names = [f"{label(o.cell.policy)}{', ' * bool(o.cell.condition)}{o.cell.condition}" for o in found.outcomes]
+    policies = list(dict.fromkeys(names))
     for ax, (key, title) in zip(axes, CURVES.items(), strict=True):
         for policy, color in zip(policies, np.resize(COLORS, len(policies)), strict=True):
             scenes: dict[str, list[list[float]]] = {}
-            for outcome in found.outcomes:
-                if label(outcome.cell.policy) == policy and outcome.curves:
+            for name, outcome in zip(names, found.outcomes, strict=True):
+                if name == policy and outcome.curves:
                     scenes.setdefault(outcome.cell.scene, []).append(outcome.curves[key])
             if scenes:
                 means = np.array([np.mean(curves, axis=0) for curves in scenes.values()])

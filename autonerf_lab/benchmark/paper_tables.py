@@ -51,10 +51,11 @@ class _Policies:
     def __call__(self, found: ResultsTable) -> Table:
         several = len({model for _, model in found.rows}) > 1
         rows = [(row, f"{row[0]}, {row[1]}" if several else row[0]) for row in found.rows]
-        return _means(found, self.name, self.title, self.metrics, rows, _paper_values, self.hint)
+        return _means(found, self.name, self.title, self.metrics, rows, paper_values, self.hint)
 
 
-def _paper_values(row: Row) -> dict[Key, float]:
+def paper_values(row: Row) -> dict[Key, float]:
+    """Return the scores of the paper for a row: those of its Semantic Nerfacto without noise."""
     return paper.BY_POLICY.get(row[0], {}) if row[1] == "semantic-nerfacto" else {}
 
 

@@ -233,7 +233,7 @@ def _read_fingerprint(path: Path, to_run: bool) -> dict[str, Any]:
         if not 0 < len(grid.policies) * len(grid.scenes) * len(grid.models) * grid.starts <= MAX_CELLS:
             raise DataError(f"{path / 'grid.json'} does not have 1 to {MAX_CELLS} cells")
         longest = sum(max(len(label(name)) for name in names) for names in (grid.policies, grid.scenes, grid.models))
-        longest += sum(len(str(getattr(grid, key) or "")) for key in CONDITIONS)
+        longest += sum(len(label(str(getattr(grid, key) or ""))) for key in CONDITIONS)
         if longest > MAX_NAME:
             raise DataError(f"{path / 'grid.json'} has names of {longest} characters per cell; at most {MAX_NAME}")
     except (DataError, msgspec.ValidationError) as error:

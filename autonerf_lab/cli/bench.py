@@ -20,7 +20,7 @@ from autonerf_lab.cli.options import (
     option,
     split_names,
 )
-from autonerf_lab.errors import DataError
+from autonerf_lab.errors import DataError, RunFolderError
 
 if TYPE_CHECKING:
     from autonerf_lab.benchmark import Grid
@@ -164,7 +164,10 @@ class BenchCompareCommand:
             raise DataError("nothing to compare: give at least two results folders")
         first, *others = tables = [load_results_table(load_results(path)) for path in self.folders]
         made = [compare(first, other) for other in others]
-        print(leaderboard({str(path): found for path, found in zip(self.folders, tables, strict=True)}).markdown())
+        try:
+            print(leaderboard({str(path): found for path, found in zip(self.folders, tables, strict=True)}).markdown())
+        except RunFolderError as error:  # the differences may have values
+            print(f"no leaderboard: {error}")
         for path, table in zip(self.folders[1:], made, strict=True):
             print(f"\n{path} minus {self.folders[0]}\n\n{table.markdown()}")
 

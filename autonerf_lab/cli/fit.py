@@ -6,8 +6,10 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from autonerf_lab.cli.options import NO_LPIPS, Device, LpipsOptions, ModelName, Overwrite, option
+from autonerf_lab.cli.options import NO_LPIPS, Device, LpipsOptions, Overwrite, option
 from autonerf_lab.errors import DataError
+
+DEFAULT_MODEL = "semantic-nerfacto"
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,14 @@ class FitCommand:
     """
 
     folder: Annotated[Positional[Path], option(help="Run folder, or folder of photographs.")]
-    model: ModelName = "semantic-nerfacto"
+    model: Annotated[
+        str | None,
+        option(
+            metavar="NAME",
+            help="Model of the radiance field, such as semantic-nerfacto or instant-ngp.",
+            default="that of the run, else semantic-nerfacto",
+        ),
+    ] = None
     out: Annotated[Path | None, option(metavar="PATH", help="Output folder, for photographs only.")] = None
     preset: Annotated[
         str | None,
@@ -45,6 +54,7 @@ class FitCommand:
         """Train, and print the scores on photographs."""
         from autonerf_lab import pipeline
         from autonerf_lab.pipeline import photographs
+        from autonerf_lab.pipeline.run_folder import load_run
 
         if self.out is None:
             if self.preset is not None or self.seed is not None or self.poses == "colmap":
@@ -57,13 +67,14 @@ class FitCommand:
             if self.lpips != NO_LPIPS:
                 raise DataError(f"{self.folder} is a run: give --lpips-weights to `autonerf-lab evaluate`")
             options = pipeline.StageOptions(device=self.device)
-            pipeline.run_stage(self.folder, "fit", self.model, self.overwrite, options, self.poses)
+            model = self.model or load_run(self.folder).config.model or DEFAULT_MODEL
+            pipeline.run_stage(self.folder, "fit", model, self.overwrite, options, self.poses)
             print(f"field: {self.folder / 'nerf'}")
             return
         if self.poses not in (None, "colmap"):
             raise DataError(f"{self.folder}: photographs have no {self.poses} poses; --poses {self.poses} needs a run")
         scores = photographs.fit_photographs(
-            self.folder, self.out, self.model, self.preset, self.seed or 0,
+            self.folder, self.out, self.model or DEFAULT_MODEL, self.preset, self.seed or 0,
             overwrite=self.overwrite, lpips=self.lpips.load(), poses=self.poses, device=self.device,
         )  # fmt: skip
         print(f"\n{scores.table()}\n\nfield: {self.out / 'nerf'}")

@@ -7,6 +7,7 @@ from typing import Annotated
 from tyro.conf import Positional
 
 from autonerf_lab.cli.options import PresetName, Seed, option
+from autonerf_lab.errors import RunFolderError
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class RefinePosesCommand:
         from autonerf_lab import pipeline
         from autonerf_lab.bundle_adjustment import describe_refinement, refine_poses
 
+        if (self.out / "transforms.json").exists():
+            raise RunFolderError(f"{self.out} holds a trajectory or another data set; choose another --out")
         rough = pipeline.load_finished_trajectory(self.trajectory)
         refined = refine_poses(rough, preset=self.preset, seed=self.seed)
         refined.save(self.out)

@@ -31,6 +31,7 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.utils import storage
 
 MAX_BYTES = 2 << 30  # of decoded images
+BYTES_PER_PIXEL = 9  # colour, depth, class and confidence
 _FOLDERS = {"file_path": "images"} | {f"{name}_file_path": name for name in ("depth", "semantics", "confidence")}
 _MAX_DEPTH_MM = 65535
 
@@ -113,7 +114,8 @@ class Trajectory:
             folder: created if it does not exist.
 
         Raises:
-            DataError: a file cannot be written, or the arrays do not belong together.
+            DataError: a file cannot be written, the arrays do not belong together, or the folder holds another data
+                set, whose images would be lost.
 
         Example:
             >>> import tempfile
@@ -123,6 +125,7 @@ class Trajectory:
         """
         folder = Path(folder)
         _check_arrays(self)
+        _check_replaceable(folder)
         layers: dict[str, np.ndarray] = {"file_path": self.rgb}
         if self.depth is not None:
             millimetres = np.rint(self.depth * np.float32(1000))
@@ -207,7 +210,8 @@ and was it finished?
         raise DataError(f"{path}: a trajectory has no lens distortion; read photographs with load_dataset")
     shape, count = (size[1], size[0]), len(data.frames)
     source, others, meta = read_sources(data.meta, count, path)
-    per_pixel = 9 if any(frame.get("confidence_file_path") is not None for frame in data.frames) else 8
+    confident = any(frame.get("confidence_file_path") is not None for frame in data.frames)
+    per_pixel = BYTES_PER_PIXEL if confident else BYTES_PER_PIXEL - 1
     need = count * shape[0] * shape[1] * per_pixel
     if need > max_bytes:
         raise DataError(
@@ -249,6 +253,13 @@ def describe(data: Any, sizes: Sequence[tuple[int, int]], layers: dict[str, Any]
     names = ", ".join(["rgb", *(name for name, layer in layers.items() if layer is not None)])
     frames = f"{len(data)} frame{'' if len(data) == 1 else 's'}"
     return f"{type(data).__name__}: scene {scene}, policy {policy}\n  {frames} of {size}; layers: {names}"
+
+
+def _check_replaceable(folder: Path) -> None:
+    """Refuse to replace data that are not a trajectory of this package; photographs may have the same file names."""
+    path = folder / "transforms.json"
+    if path.exists() and "autonerf_lab" not in storage.read_json(path, dict[str, Any]):
+        raise DataError(f"{folder} holds another data set; choose another folder for the trajectory")
 
 
 def _check_arrays(trajectory: Trajectory) -> None:

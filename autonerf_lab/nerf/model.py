@@ -11,6 +11,7 @@ sampler, or a new combination of existing ones, and a :class:`ModelSpec` that bu
 """
 
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
@@ -139,6 +140,7 @@ class Model:
             self.parameters |= self.pose_offsets.parameters
         self.state = sampler.state
         self.losses: dict[str, float] = {}
+        self._lock = threading.RLock()  # field and sampler reuse buffers: a viewer renders while others do
 
     def learning_rates(self, rate: float, share: float) -> dict[str, float]:
         """Return the learning rate of each parameter.
@@ -193,9 +195,9 @@ class Model:
         parts = []
         for first in range(0, len(rays_o), RENDER_CHUNK):
             rays = Rays(rays_o[first : first + RENDER_CHUNK], rays_d[first : first + RENDER_CHUNK])
-            with _no_gradients():
+            with self._lock, _no_gradients():
                 output = self.field.render(rays, self._evaluation_samples(rays))
-            parts.append((output.color, output.logits, output.depth, output.weights.sum(axis=1)))
+                parts.append((output.color, output.logits, output.depth, output.weights.sum(axis=1)))
         color, logits, depth, opacity = (np.concatenate(values) for values in zip(*parts, strict=True))
         return color, logits, depth, opacity
 
@@ -218,7 +220,8 @@ class Model:
         for first in range(0, len(rays_o), GRADIENT_CHUNK):
             chunk = slice(first, first + GRADIENT_CHUNK)
             rays = Rays(rays_o[chunk], rays_d[chunk])
-            parts.append(self.field.ray_gradients(rays, self._evaluation_samples(rays), target[chunk]))
+            with self._lock:
+                parts.append(self.field.ray_gradients(rays, self._evaluation_samples(rays), target[chunk]))
         error, d_o, d_d = (np.concatenate(values) for values in zip(*parts, strict=True))
         return error, d_o, d_d
 

@@ -3,6 +3,7 @@
 The model is written to ``OUT/colmap/sparse/0`` and read like any COLMAP model. Scale and origin are arbitrary.
 """
 
+import hashlib
 import warnings
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ def estimate_poses(folder: str | Path, work: str | Path, *, progress: bool = Tru
 
     Args:
         folder: Photographs of a static scene with overlap.
-        work: Folder for the database and the model; a finished model there is used again.
+        work: Folder for the database and the model; a finished model of the same photographs is used again.
         progress: Show a progress bar.
 
     Raises:
@@ -48,9 +49,11 @@ def estimate_poses(folder: str | Path, work: str | Path, *, progress: bool = Tru
     if len(files) < MIN_PHOTOGRAPHS:
         raise DataError(f"{folder} holds {len(files)} photographs ({', '.join(ENDINGS)}); at least three are needed")
     sizes = [image_size(file) for file in files]  # damaged files fail here, by name
-    target = work / "sparse/0"
-    if (target / "images.bin").exists():
+    target, listed = work / "sparse/0", work / "photographs.json"
+    digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    if (target / "images.bin").exists() and listed.exists() and storage.read_json(listed, dict[str, str]) == digests:
         return target
+    (target / "images.bin").unlink(missing_ok=True)
     pycolmap = optional("pycolmap", "colmap")
     (work / "all").mkdir(parents=True, exist_ok=True)
     database = work / "database.db"
@@ -80,6 +83,7 @@ def estimate_poses(folder: str | Path, work: str | Path, *, progress: bool = Tru
             raise DataError(f"{text}; remove them, or add photographs that connect them with the others")
         warnings.warn(f"{text}; they are left out", stacklevel=2)
     model.write_binary(work / "all")
+    storage.write_json(listed, digests)
     for name in ("cameras", "images"):  # images last: it marks the model as complete
         storage.write_bytes(target / f"{name}.bin", (work / "all" / f"{name}.bin").read_bytes())
     return target

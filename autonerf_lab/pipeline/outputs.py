@@ -66,10 +66,11 @@ def remove(root: Path, stages: Iterable[str]) -> None:
             path.unlink()
         if "fit" in stages and is_own(root, root / CHECKPOINT):  # of a training that did not end
             (root / CHECKPOINT).unlink()
-        for folder in sorted({path.parent for path in own} | {path.parents[1] for path in own}, reverse=True):
+        folders = {folder for path in own for folder in (path.parent, path.parent.parent)}
+        for folder in sorted((folder for folder in folders if folder.is_relative_to(root)), reverse=True):
             for file in storage.interrupted_writes(folder):
                 file.unlink()
-            if folder != root and folder.is_relative_to(root):
+            if folder != root:
                 with contextlib.suppress(OSError):  # it holds files of the user
                     folder.rmdir()
         storage.write_json(root / FILE, known)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from autonerf_lab.evaluators.lpips import Lpips
 
 OUTPUTS = (
-    *("colmap/database.db", "colmap/all/*", "colmap/all/*/*", "colmap/sparse/0/*.bin"),
+    *("colmap/database.db", "colmap/all/*", "colmap/all/*/*", "colmap/sparse/0/*.bin", "colmap/photographs.json"),
     "scores.json",
     "baselines/nearest_view.json",
     "nerf/nerf.json",

@@ -193,7 +193,8 @@ def _sections(run: RunFolder, scores: Scores) -> list[Section]:
         else:
             section = Section(key, _title(key), tasks[key].text if key in tasks else "")
         embedded = tuple(_embed(run / "figures", figure) for figure in figures if figure.section == key)
-        names = sorted(path.name for path in (run / "mesh").glob("*.[gp]l[by]")) if key == "mesh" else []
+        names = sorted(path.name for path in (run / "mesh").glob("*") if path.suffix in (".glb", ".obj", ".ply"))
+        names = names if key == "mesh" else []
         files, table = tuple(f"mesh/{name}" for name in names), tuple(scores.details_table(key))
         sections.append(replace(section, figures=embedded, files=files, table=table))
     return sections

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -169,6 +170,7 @@ def run_stage(
             # can always be written again; the old file stays until the new one is complete
             run.stages.pop(stage, None)
         elif run.finished(stage) and overwrite:
+            run.config = replace(run.config, fit_poses=None) if stage == "fit" else run.config
             for name in INPUTS[stage]:  # check the inputs before the old results are removed
                 getattr(context, name)
         if poses is not None:

@@ -6,6 +6,7 @@ An interrupted run therefore gives the same results as an uninterrupted one, and
 
 from collections.abc import Callable
 
+from autonerf_lab.data.trajectory import BYTES_PER_PIXEL, MAX_BYTES
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.pipeline.context import StageContext
 from autonerf_lab.utils import storage
@@ -34,6 +35,9 @@ def _explore(context: StageContext) -> None:
     config, size = context.run.config, context.preset
     noise = motion_noise(config.noise, config.noise_scale)
     sim = Simulator.from_preset(context.scene, size, noise, config.depth_noise, config.semantics or TRUE)
+    need = size.episode_steps * size.width * size.height * BYTES_PER_PIXEL
+    if need > MAX_BYTES:  # could be recorded, but not loaded
+        raise DataError(f"the images of the episode need {need} bytes, at most {MAX_BYTES}; use fewer or smaller ones")
     refined = config.poses == "refined"  # the policy acts on the estimate, which is refined after the episode
     trajectory = explore(
         sim, config.policy, steps=size.episode_steps, seed=config.seed, map_size=config.map_size or MAP_SIZE,

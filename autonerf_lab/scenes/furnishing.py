@@ -179,7 +179,9 @@ def _corridor(placer: Placer, room: int, rng: np.random.Generator) -> None:
         placer.along_wall(objects.plant(rng), room, rng, "corner", away=0.04)
     x0, y0, x1, y1 = placer.layout.rooms[room].rects[0]  # first arm of an L-shaped corridor
     long, short = max(x1 - x0, y1 - y0), min(x1 - x0, y1 - y0)
-    runner = objects.rug(rng, min(3.0, long * 0.55), min(0.8, short - 0.5))
+    if (width := min(0.8, short - 0.5)) <= 0:  # a closet of a floor plan
+        return
+    runner = objects.rug(rng, min(3.0, long * 0.55), width)
     yaw = 0.0 if x1 - x0 > y1 - y0 else np.pi / 2
     placer.put(runner, room, np.array([(x0 + x1) / 2, (y0 + y1) / 2]), yaw, ignore_doors=True)
 

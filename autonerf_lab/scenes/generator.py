@@ -77,10 +77,11 @@ def generate_spec(
     """
     rng = np.random.default_rng(seed)
     if area is not None or rooms is not None or floors is not None:
-        check_size(area, rooms, floors or 1)
+        floors = 1 if floors is None else floors
+        check_size(area, rooms, floors)
         for _ in range(ATTEMPTS):
             height = round(float(rng.uniform(2.5, 2.7)), 2)
-            layouts = fill_house(seed, height, stages, (area, rooms, floors or 1), rng)
+            layouts = fill_house(seed, height, stages, (area, rooms, floors), rng)
             if layouts is not None:
                 first, *upper = (to_spec(layout, name or f"home-{seed}") for layout in layouts)
                 return tidy(put_on_top(first, upper[0])) if upper else first

@@ -96,7 +96,7 @@ class Simulator:
         SceneError: The scene has no floor, the robot fits nowhere, or ``gloss`` is True for an imported mesh.
         UnknownNameError: There is no noise, or no segmenter, of that name.
         DataError: The weights of the segmenter are missing or damaged.
-        ValueError: ``supersample`` is below 1.
+        ValueError: ``supersample`` is below 1, or the camera has lens distortion.
 
     Example:
         >>> from autonerf_lab.scenes import load_scene
@@ -122,6 +122,8 @@ class Simulator:
             raise ValueError(f"supersample must be at least 1, not {supersample}")
         self.scene = scene
         self.intrinsics = intrinsics or Intrinsics.from_fov(128, 128)
+        if any(self.intrinsics.lens):
+            raise ValueError("the camera of the simulator has no lens distortion; set k1 to k3, p1 and p2 to 0")
         self.supersample = supersample
         self.semantics = segmenter_name(semantics)
         self._segmenter = None if self.semantics == TRUE else make_segmenter(semantics)

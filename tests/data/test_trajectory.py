@@ -83,6 +83,17 @@ def test_saving_again_leaves_no_old_frame(folder):
     assert len(load_trajectory(folder)) == 2
 
 
+def test_photographs_are_not_replaced_by_a_trajectory(tmp_path):
+    """Nerfstudio names the images of its data sets like those of a trajectory."""
+    photo = tmp_path / "images/frame_00001.png"
+    photo.parent.mkdir()
+    photo.touch()
+    (tmp_path / "transforms.json").write_text('{"frames": []}')
+    with pytest.raises(DataError, match="holds another data set; choose another folder"):
+        _trajectory().save(tmp_path)
+    assert photo.exists()
+
+
 def test_every_frame_is_complete_or_absent(tmp_path, monkeypatch):
     class Killed(BaseException):
         pass

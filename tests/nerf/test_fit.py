@@ -1,6 +1,7 @@
 """Training on a small scene: quality, determinism, checkpoints, callbacks and errors."""
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -145,6 +146,16 @@ def test_a_training_of_another_duration_is_not_continued(
     for seconds in (200, None):
         with pytest.raises(RunFolderError, match="different seconds"):
             fit(trajectory, seconds=seconds, checkpoint=tmp_path, **options)
+
+
+def test_two_threads_render_what_one_renders(field: NeRF, trajectory: Trajectory) -> None:
+    """A viewer renders while the field is evaluated, and the kernels reuse their buffers."""
+    poses = trajectory.poses[:6]
+    alone = [field.render(pose).rgb for pose in poses]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(lambda k: field.render(poses[k % 6]).rgb, range(24)))
+    for k, image in enumerate(together):
+        np.testing.assert_array_equal(image, alone[k % 6])
 
 
 def test_save_and_load(field: NeRF, trajectory: Trajectory, tmp_path: Path) -> None:

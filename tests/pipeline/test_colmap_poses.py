@@ -74,6 +74,11 @@ def test_photographs_that_do_not_register_are_named(
     assert colmap_poses.estimate_poses(photographs, tmp_path / "work") == model and not calls, (
         "a finished model is kept"
     )
+    Image.new("RGB", (64, 48), "red").save(photographs / "6.jpg")
+    monkeypatch.setattr(colmap_poses, "optional", lambda *args: stand_in([*names, "6.jpg"], calls))
+    assert colmap_poses.estimate_poses(photographs, tmp_path / "work", progress=False) == model and calls, (
+        "but not for other photographs"
+    )
 
 
 def test_photographs_of_one_size_share_a_camera(

@@ -191,6 +191,8 @@ def test_pose_sources_of_exploration_and_training(tmp_path, monkeypatch):
     pipeline.run_stage(tmp_path, "fit", "instant-ngp", overwrite=True, poses="odometry")
     assert [trajectory.pose_source for trajectory in used] == ["estimated", "odometry"]
     assert load_run(tmp_path).config.fit_poses == "odometry"
+    pipeline.run_stage(tmp_path, "fit", "instant-ngp", overwrite=True)
+    assert used[-1].pose_source == "estimated" and load_run(tmp_path).config.fit_poses is None, "a fit started anew"
     with pytest.raises(RunFolderError, match="poses is 'estimated', not 'true'"):
         run_pipeline(tmp_path, policy="random", last="explore", **(noise | {"poses": "true"}))
     with pytest.raises(UnknownNameError, match="pose source 'gps'"):
@@ -200,6 +202,36 @@ def test_pose_sources_of_exploration_and_training(tmp_path, monkeypatch):
     pipeline.run_stage(tmp_path / "b", "fit", "instant-ngp")
     assert used[-1].pose_source == "refined"
     assert list(used[-1].pose_sources) == ["true", "odometry", "estimated", "refined"]
+
+
+def test_an_episode_that_could_not_be_loaded_is_refused_before_it_is_simulated(tmp_path, monkeypatch):
+    toy = toy_scene.to_scene(toy_scene.two_rooms())
+    monkeypatch.setattr(run_module, "find_scene", lambda name: toy)
+    monkeypatch.setitem(run_module.STAGE_FUNCTIONS, "scene", lambda context: None)
+    monkeypatch.setattr("autonerf_lab.exploration.explore", lambda *args, **options: pytest.fail("explored"))
+    with pytest.raises(DataError, match="the images of the episode need 4147200000 bytes, at most 2147483648"):
+        run_pipeline(tmp_path, policy="random", last="explore", steps=1500, width=640, height=480)
+
+
+def test_overwrite_in_the_working_directory_leaves_the_files_around_the_run_alone(tmp_path, monkeypatch):
+    """A dotfile beside the run folder has a name like that of an interrupted write."""
+    run = tmp_path / "run"
+    toy = toy_scene.to_scene(toy_scene.two_rooms())
+    monkeypatch.setattr(run_module, "find_scene", lambda name: toy)
+    for stage in ("scene", "explore", "fit"):
+        monkeypatch.setitem(run_module.STAGE_FUNCTIONS, stage, lambda context: None)
+    monkeypatch.setitem(
+        run_module.STAGE_FUNCTIONS, "evaluate", lambda context: (context.run / "scores.json").write_text("[]")
+    )
+    monkeypatch.setattr(run_module, "INPUTS", dict.fromkeys(run_module.INPUTS, ()))
+    run_pipeline(run, policy="random", last="evaluate")
+    backup = tmp_path / ".bashrc.bak.20240131"
+    backup.touch()
+    pipeline.run_stage(run, "evaluate", overwrite=True)
+    assert backup.exists()
+    monkeypatch.chdir(run)
+    pipeline.run_stage(".", "evaluate", overwrite=True)
+    assert backup.exists() and (run / "scores.json").exists()
 
 
 def test_a_refused_refinement_keeps_the_exploration(tmp_path, monkeypatch):

@@ -53,6 +53,7 @@ def test_homes_have_the_size_that_was_asked_for(area: float | None, rooms: int |
     ("size", "message"),
     [
         ({"floors": 3}, "1 or 2 floors"),
+        ({"floors": 0}, "1 or 2 floors"),
         ({"rooms": 1}, "has 2 to 14 rooms"),
         ({"rooms": 7, "floors": 2}, r"2 floor\(s\) has 8 to 14 rooms"),
         ({"area": 301}, "40 to 300 m2"),

@@ -28,6 +28,11 @@ def _random_poses(count):
         yield pose
 
 
+def test_a_camera_with_lens_distortion_is_refused():
+    with pytest.raises(ValueError, match="no lens distortion"):
+        Simulator(two_rooms(), replace(Intrinsics.from_fov(8, 8), k1=0.1))
+
+
 def test_depth_towards_a_wall_is_its_distance_everywhere(sim):
     frame = Simulator(empty_room(), Intrinsics.from_fov(32, 32)).render(planar_pose(1, 1.5, 0.0))
     # The wall x = 4 is 3 m ahead; depth is along the axis, so it does not grow towards the corners of the image.

@@ -134,7 +134,7 @@ class Viewer:
     def show(self, field: "RadianceField") -> None:
         """Render this field from now on, in a separate thread.
 
-        The caller may render the same field at the same time, if the ``render`` method of the field is thread-safe.
+        The caller may render the same field at the same time: fields of this package wait for each other.
         """
         image = field.render(self.poses[0], self.intrinsics)
         self._image = layer_image(image, "rgb")
