@@ -72,13 +72,14 @@ class EgocentricInterface:
             felt[last] = 1
         felt[-1] = observation.collided
         factor = max(1, round(self.cell / map.cell))
+        cell = factor * map.cell
         x, y, heading = planar_from_pose(map.pose)
         robot = world_to_cell(np.array([x, y]), map.origin, map.cell) // factor
         top, left = (int(i) - self.SIDE // 2 for i in robot)
         known = pooled(np.stack([map.occupied, map.explored]), top * factor, left * factor, self.SIDE, factor)
-        at_x, at_y = (np.array([x, y]) - map.origin) / self.cell - (left, top)
+        at_x, at_y = (np.array([x, y]) - map.origin) / cell - (left, top)
         near, far = (
-            egocentric_shares(known, at_x, at_y, heading, self.GRID, width / self.cell, samples)
+            egocentric_shares(known, at_x, at_y, heading, self.GRID, width / cell, samples)
             for width, samples in ((self.NEAR, 1), (self.FAR, 5))
         )
         return {"rgb": np.ascontiguousarray(rgb.transpose(2, 0, 1)), "near": near, "far": far, "felt": felt}

@@ -23,7 +23,7 @@ def read_meta(path: str | Path) -> dict[str, Any]:
     Raises:
         DataError: the file is missing, or has another version.
     """
-    path = Path(path).with_suffix(".json")
+    path = network_weights.weights_file(path, ".json")
     meta = read_json(path, dict[str, Any])
     if meta.get("version") != VERSION:
         raise DataError(

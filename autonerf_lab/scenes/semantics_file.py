@@ -3,10 +3,12 @@
 ``{"format": "autonerf-lab semantics", "version": 1, "nodes": {"chair_12": {"class": "chair", "instance": 12, "name":
 "chair (office)"}}}``. The keys of ``nodes`` are names of the mesh file's nodes, groups or objects. ``class`` is one of
 the 16 class names or a name of the alias table (:mod:`autonerf_lab.scenes.class_aliases`), ``instance`` a positive
-number (0: the building), ``name`` any text. A mesh of one node, as in a PLY file, can have ``faces`` instead:
-``{"class": [0, 3, ...], "instance": [0, 7, ...], "names": {"7": "bed"}}`` with one entry per triangle in file order.
+number (0: the building; left out: a number of its own), ``name`` any text. A mesh of one node, as in a PLY file, can
+have ``faces`` instead: ``{"class": [0, 3, ...], "instance": [0, 7, ...], "names": {"7": "bed"}}`` with one entry per
+triangle in file order.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,13 +82,18 @@ def read_semantics(path: Path, aliases: Mapping[str, str] = ALIASES) -> MeshSema
         raise SceneError(f"{path}: 'nodes' must be a JSON object")
     found: dict[str, tuple[int, int]] = {}
     names: dict[int, str] = {}
+    numbers = (entry.get("instance") for entry in nodes.values() if isinstance(entry, dict))
+    given = {number for number in numbers if isinstance(number, int)}
+    unused = (number for number in itertools.count(1) if number not in given)
     for node, entry in nodes.items():
         where = f"{path}: node {node[:60]!r}"
         class_name = entry.get("class") if isinstance(entry, dict) else None
         class_name = aliases.get(plain_name(class_name)) if isinstance(class_name, str) else None
         if class_name is None:
             raise SceneError(f"{where} has no valid class; valid classes: {', '.join(CLASS_NAMES)}, and their aliases")
-        instance, name = entry.get("instance", 0), entry.get("name", node)
+        instance, name = entry.get("instance"), entry.get("name", node)
+        if instance is None:  # 0 is the building
+            instance = next(unused) if class_name != CLASS_NAMES[0] else 0
         if type(instance) is not int or not 0 <= instance < MAX_INSTANCE or not isinstance(name, str):
             raise SceneError(f"{where} needs an instance from 0 to {MAX_INSTANCE - 1} and a text as name")
         found[node] = CLASS_NAMES.index(class_name), instance

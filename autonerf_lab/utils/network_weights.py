@@ -19,10 +19,21 @@ def save_weights(path: str | Path, network: nn.Module, meta: dict[str, Any]) -> 
         network: Network on any device.
         meta: Content of the JSON file.
     """
-    path = Path(path)
     arrays = {name: value.detach().cpu().numpy().astype(np.float16) for name, value in _state(network).items()}
-    write_arrays(path.with_suffix(".safetensors"), arrays)
-    write_json(path.with_suffix(".json"), meta)
+    write_arrays(weights_file(path, ".safetensors"), arrays)
+    write_json(weights_file(path, ".json"), meta)
+
+
+def weights_file(path: str | Path, suffix: str) -> Path:
+    """Return the file of weights with a suffix; ``path`` has none, or that of one of the two files.
+
+    Example:
+        >>> [weights_file(path, ".json").name for path in ("policy", "policy.safetensors", "policy.v2")]
+        ['policy.json', 'policy.json', 'policy.v2.json']
+    """
+    path = Path(path)
+    stem = path.with_suffix("") if path.suffix in (".json", ".safetensors") else path
+    return stem.with_name(stem.name + suffix)
 
 
 def load_weights(path: str | Path, network: nn.Module, way_out: str = "train the weights again") -> None:
@@ -36,7 +47,7 @@ def load_weights(path: str | Path, network: nn.Module, way_out: str = "train the
     Raises:
         DataError: The file is missing, damaged, or belongs to another network; names the difference.
     """
-    path = Path(path).with_suffix(".safetensors")
+    path = weights_file(path, ".safetensors")
     arrays, _ = read_arrays(path, dict[str, Any])
     wanted = {name: tuple(value.shape) for name, value in _state(network).items()}
     found = {name: array.shape for name, array in arrays.items()}

@@ -146,6 +146,20 @@ def test_a_finer_map_gives_the_observation_of_the_coarse_map_of_the_training():
         np.testing.assert_array_equal(obs[0][name], obs[1][name])
 
 
+@pytest.mark.parametrize("cell", [0.05, 0.1, 0.12, 0.2])
+def test_the_maps_of_the_end_to_end_policies_are_around_the_robot_for_every_cell_size(cell):
+    """Ground is explored up to 3 m from the robot, and the fine map shows 2 m."""
+    pose = planar_pose(2.3, -1.7, 0.7)
+    size = 2 * round(12 / cell)
+    state = empty_map(planar_pose(0.0, 0.0, 0.0), size, cell)
+    centres = (np.arange(size) + 0.5) * cell
+    x, y = state.origin[0] + centres, state.origin[1] + centres
+    explored = np.hypot(x[None] - 2.3, y[:, None] + 1.7) < 3
+    image = Observation(np.zeros((84, 84, 3), np.uint8), np.zeros((84, 84)), np.zeros((84, 84)), pose)
+    obs = EgocentricInterface().observe(replace(state, explored=explored, pose=pose), image, None)
+    assert (obs["near"][1] == 255).all() and 0.08 < obs["far"][1].mean() / 255 < 0.14  # of 16 m x 16 m: 0.11
+
+
 def test_pooling_is_the_maximum_of_blocks_and_false_outside_the_map():
     rng = np.random.default_rng(0)
     for _ in range(200):

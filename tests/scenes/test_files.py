@@ -21,6 +21,7 @@ from autonerf_lab.scenes import (
     write_page,
 )
 from autonerf_lab.scenes.library import folder
+from autonerf_lab.scenes.semantics_file import read_semantics
 from autonerf_lab.scenes.spec import dumps, read_spec
 
 
@@ -107,6 +108,15 @@ def test_semantics_file_round_trip(tmp_path: Path) -> None:
     assert {i.id: i.name for i in back.instances} == {i.id: i.name for i in scene.instances}
     shift = back.vertices[back.faces[read]] - scene.vertices[scene.faces[order]]
     assert np.abs(shift - shift[0, 0]).max() < 1e-4  # translation to the centre only
+
+
+def test_a_node_with_a_class_and_without_a_number_is_an_object(tmp_path: Path) -> None:
+    """0 would be the building, and its class would be lost."""
+    nodes = {"a": {"class": "chair"}, "b": {"class": "bed", "instance": 1}, "c": {"class": "background"}}
+    path = tmp_path / "home.semantics.json"
+    path.write_text(json.dumps({"format": "autonerf-lab semantics", "version": 1, "nodes": nodes}))
+    found = read_semantics(path)
+    assert [found.nodes[name][1] for name in "abc"] == [2, 1, 0] and found.names[2] == "a"
 
 
 def test_semantics_per_face_of_a_mesh_with_one_node(tmp_path: Path) -> None:

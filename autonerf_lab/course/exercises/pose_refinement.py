@@ -110,7 +110,7 @@ MOVED = Exercise(
             lambda pose, w, v: _composed(pose, so3_exp(w) @ pose[:3, :3], pose[:3, 3] + pose[:3, :3] @ v),
         ),
         Mistake(
-            "The translation is added along the axes of the world, but v is in the camera frame: add R v.",
+            "The translation is along the axes of the world, but v is in the camera frame: add R v.",
             lambda pose, w, v: _composed(pose, pose[:3, :3] @ so3_exp(w), pose[:3, 3] + v),
         ),
         Mistake(
