@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from autonerf_lab.nerf.kernels.adam import MAX_GRADIENT, adam
-from autonerf_lab.nerf.ray_batch import Array, Arrays
+from autonerf_lab.nerf.ray_batch import Array, Arrays, assign, to_numpy
 
 if TYPE_CHECKING:
     import torch
@@ -73,19 +73,14 @@ class ParameterAverage:
     def add(self) -> None:
         """Add the present parameters."""
         for name, value in self.parameters.items():
-            self.sums[name] += _values(value)
+            self.sums[name] += value if isinstance(value, np.ndarray) else value.detach()
         self.count += 1
 
     def apply(self) -> None:
         """Replace the parameters by their mean, if any were added."""
         if self.count:
             for name, total in self.sums.items():
-                _values(self.parameters[name])[...] = total / self.count
-
-
-def _values(value: Array) -> Array:
-    """Return an array, or a tensor without its gradient, that shares memory with ``value``."""
-    return value if isinstance(value, np.ndarray) else value.detach()
+                assign(self.parameters[name], to_numpy(total / self.count))
 
 
 def _zeros_like(value: Array) -> Array:

@@ -18,6 +18,7 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.metrics import BASELINES, METRICS, Metric
 from autonerf_lab.evaluators.scores import Scores
 from autonerf_lab.evaluators.tasks import TASKS, available, metric_of
+from autonerf_lab.pipeline.context import SCAN_SUFFIXES
 from autonerf_lab.pipeline.gallery import StoredFigure, read_gallery
 from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, RunFolder
 from autonerf_lab.utils import storage
@@ -193,8 +194,8 @@ def _sections(run: RunFolder, scores: Scores) -> list[Section]:
         else:
             section = Section(key, _title(key), tasks[key].text if key in tasks else "")
         embedded = tuple(_embed(run / "figures", figure) for figure in figures if figure.section == key)
-        names = sorted(path.name for path in (run / "mesh").glob("*") if path.suffix in (".glb", ".obj", ".ply"))
-        names = names if key == "mesh" else []
+        meshes = (path for path in (run / "mesh").glob("*") if key == "mesh" and path.suffix in SCAN_SUFFIXES)
+        names = sorted(path.name for path in meshes)
         files, table = tuple(f"mesh/{name}" for name in names), tuple(scores.details_table(key))
         sections.append(replace(section, figures=embedded, files=files, table=table))
     return sections

@@ -170,7 +170,8 @@ def run_stage(
             # can always be written again; the old file stays until the new one is complete
             run.stages.pop(stage, None)
         elif run.finished(stage) and overwrite:
-            run.config = replace(run.config, fit_poses=None) if stage == "fit" else run.config
+            if stage == "fit":
+                run.config = replace(run.config, fit_poses=None)
             for name in INPUTS[stage]:  # check the inputs before the old results are removed
                 getattr(context, name)
         if poses is not None:

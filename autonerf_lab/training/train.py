@@ -18,7 +18,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from operator import mul
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import pandas as pd
@@ -70,31 +70,27 @@ def make_env(settings: PolicySettings, reward: str | Reward, scenes: Scenes = No
     return SymmetryAugmentation(env) if spec.symmetric else env
 
 
-def _imitate_frontier(
-    network: nn.Module,
-    settings: PolicySettings,
-    reward: str | Reward,
-    scenes: Scenes,
-    make: MakeEnv,
-    checkpoint: _File,
-    progress: bool,
-) -> float:
+class _Lesson(NamedTuple):
+    """What a teacher needs."""
+
+    settings: PolicySettings
+    reward: str | Reward
+    scenes: Scenes
+    make: MakeEnv
+    checkpoint: _File
+    progress: bool
+
+
+def _imitate_frontier(network: nn.Module, lesson: _Lesson) -> float:
+    settings, reward, scenes, _, _, progress = lesson
     shown = demonstrate(make_interface(settings.network), settings, reward, progress, scenes)
     imitate(network, shown, settings, progress)
     return 0.0
 
 
-def _imitate_shortest_paths(
-    network: nn.Module,
-    settings: PolicySettings,
-    reward: str | Reward,
-    scenes: Scenes,
-    make: MakeEnv,
-    checkpoint: _File,
-    progress: bool,
-) -> float:
+def _imitate_shortest_paths(network: nn.Module, lesson: _Lesson) -> float:
     assert isinstance(network, RecurrentNetwork)
-    return imitate_shortest_paths(network, make, settings, *checkpoint, progress)
+    return imitate_shortest_paths(network, lesson.make, lesson.settings, *lesson.checkpoint, lesson.progress)
 
 
 TEACHERS = {"frontier": _imitate_frontier, "shortest-path": _imitate_shortest_paths}
@@ -171,9 +167,8 @@ def train_policy(
             if first is not None:
                 load_weights(first, network)
             elif settings.demonstrations and spec.teacher:
-                saved = folder / IMITATION, fingerprint
-                teach = TEACHERS[spec.teacher]
-                session.seconds = teach(network.cpu(), settings, chosen, scenes, make, saved, progress)
+                lesson = _Lesson(settings, chosen, scenes, make, (folder / IMITATION, fingerprint), progress)
+                session.seconds = TEACHERS[spec.teacher](network.cpu(), lesson)
                 network.to(device)
             session.share_reward()  # its random initial values may differ between processes
             session.save()
