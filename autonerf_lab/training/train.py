@@ -71,7 +71,7 @@ def make_env(settings: PolicySettings, reward: str | Reward, scenes: Scenes = No
 
 
 class _Lesson(NamedTuple):
-    """What a teacher needs."""
+    """Arguments of a teacher."""
 
     settings: PolicySettings
     reward: str | Reward
