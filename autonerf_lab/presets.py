@@ -84,9 +84,9 @@ PRESETS: dict[str, Preset] = {
             mesh_voxel=0.025,
             visible_poses=2000,
             # a tenth of the frames of the paper, at a higher learning rate
-            finetuning_frames=1_000_000,
+            finetuning_frames=250_000,
             finetuning_episodes=200,
-            finetuning_lr=1e-4,
+            finetuning_lr=2.5e-5,
             finetuning_lr_true_mesh=1e-4,
         ),
         Preset(

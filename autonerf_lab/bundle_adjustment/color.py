@@ -32,14 +32,14 @@ def adjust_by_color(
 
     Args:
         data: rough poses and images.
-        planar: the poses differ in x, y and heading only.
+        planar: move cameras along x and y and turn them about z only.
         preset: of the field.
         steps: number of training steps instead of the preset's.
         seed: random seed.
         progress: show a progress bar.
     """
     name = presets.preset(preset).name
-    settings = replace(model_spec(MODEL).settings_for(name), refine_cameras=True)
+    settings = replace(model_spec(MODEL).settings_for(name), refine_cameras=True, refine_planar=planar)
     nerf = fit(data, MODEL, name, settings=settings, steps=steps, seed=seed, progress=progress)
     axes = PLANAR if planar else SPATIAL
     own = np.empty((len(data), len(axes), len(axes)))

@@ -8,8 +8,8 @@ stops within 0.36 m of the goal. ``SPL = mean of S l / max(p, l)`` with success 
 length l. If one of the three stages fails, the others still have scores.
 
 The paper fine-tunes for ten million frames, with a learning rate of 2.5e-6 in the mesh and ten times that in the true
-scene. The preset ``paper`` does the same. ``fast`` has a tenth of the frames and a learning rate of 1e-4. Frames, hours
-and learning rates are saved with the scores (``scores.details``).
+scene. The preset ``paper`` does the same. ``fast`` has a fortieth of the frames, and learning rates of 2.5e-5 and 1e-4.
+Frames, hours and learning rates are saved with the scores (``scores.details``).
 """
 
 import hashlib

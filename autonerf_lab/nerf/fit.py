@@ -118,7 +118,8 @@ def fit(
     try:
         built = spec.build(settings, box, len(data), classes, rng, device)
         if built.pose_offsets is not None:
-            built.pose_offsets.planar = is_planar(data.poses)
+            planar = settings.refine_planar
+            built.pose_offsets.planar = is_planar(data.poses) if planar is None else planar
         pixels = PixelSampler(data, frame, settings.label_distance)
         if isinstance(built.sampler, DepthGuidedSampler):
             built.sampler.observe(pixels)

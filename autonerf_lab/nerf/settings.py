@@ -41,6 +41,7 @@ class Settings:
     free_density: float = 0.0015  # largest density in measured free space, per metre
     behind: float = 0.04  # distance behind a measured surface in which densities are compared
     refine_cameras: bool = False  # learn a correction of each training pose, a 6-vector
+    refine_planar: bool | None = None  # corrected in x, y and heading only; None: if the poses differ in nothing else
     learning_rate: float = 1e-2
     final_learning_rate: float = 2e-3
     warmup: float = 0.01  # share of the training in which the learning rate rises

@@ -153,6 +153,14 @@ def test_colour_alone_improves_photographs_and_tells_which_are_black() -> None:
     assert position[-1] > 3 * np.median(position[:-1])
 
 
+@pytest.mark.parametrize(("planar", "level"), [(None, True), (True, True), (False, False)])
+def test_colour_alone_moves_cameras_in_the_plane_or_in_space(planar: bool | None, level: bool) -> None:
+    poses = np.stack([planar_pose(0.2 * k, -2.5, 1.2 + 0.05 * k) for k in range(6)])
+    found = refine_poses(toy_photos.photographs(poses), planar=planar, preset="smoke", steps=20, progress=False)
+    assert not np.allclose(found.poses, poses, atol=1e-5)
+    assert np.allclose(found.poses[:, 2, 3], poses[:, 2, 3], atol=1e-6) == level
+
+
 def test_black_photographs_leave_the_poses_unknown_and_raise_nothing() -> None:
     data = toy_photos.photographs(toy_photos.orbit(6))
     black = replace(data, images=[np.zeros_like(image) for image in data.images])
