@@ -83,7 +83,7 @@ PRESETS: dict[str, Preset] = {
             refine_rays=1024,
             mesh_voxel=0.025,
             visible_poses=2000,
-            # a tenth of the frames of the paper, at a higher learning rate
+            # a fortieth of the frames of the paper, at higher learning rates
             finetuning_frames=250_000,
             finetuning_episodes=200,
             finetuning_lr=2.5e-5,

@@ -1,6 +1,6 @@
 """Fine-tuning of the PointGoal policy in reconstructions and in true scenes, with several learning rates.
 
-    python benchmarks/finetuning.py                 # two development scenes, three rates: about six hours on one core
+    python benchmarks/finetuning.py                 # two development scenes, three rates: about four hours on one core
     python benchmarks/finetuning.py --scenes val-0 val-1 val-2 val-3 --rates 1e-4
     python benchmarks/finetuning.py --quick         # one scene, a few frames
 
