@@ -23,7 +23,7 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.localization import motion_network, residual_image, scan
 from autonerf_lab.localization.motion_network import MotionNetwork
 from autonerf_lab.localization.scan import Scan
-from autonerf_lab.utils.network_weights import load_weights, save_weights
+from autonerf_lab.utils.network_weights import load_weights, save_weights, weights_file
 from autonerf_lab.utils.storage import read_json
 
 WEIGHTS = Path(__file__).parent / "weights" / "odometry"
@@ -72,10 +72,9 @@ def load_network(path: str | Path) -> nn.Module:
     Raises:
         DataError: a file is missing, damaged or belongs to another network.
     """
-    path = Path(path)
-    meta = read_json(path.with_suffix(".json"), dict[str, Any])
-    if meta.get("version") != VERSION:
-        raise DataError(f"{path.with_suffix('.json')} needs version {VERSION}; train the weights again")
+    file = weights_file(path, ".json")
+    if read_json(file, dict[str, Any]).get("version") != VERSION:
+        raise DataError(f"{file} needs version {VERSION}; train the weights again")
     network = MotionNetwork().eval()
     load_weights(path, network)
     return network

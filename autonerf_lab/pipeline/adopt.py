@@ -3,8 +3,9 @@
 import time
 from math import atan, degrees
 from pathlib import Path
+from typing import Any
 
-from autonerf_lab.data.trajectory import load_trajectory
+from autonerf_lab.data.trajectory import Trajectory, load_trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.pipeline.context import StageContext, find_scene, scene_source
 from autonerf_lab.pipeline.figures import draw_trajectory
@@ -63,6 +64,7 @@ def adopt_trajectory(
         width=camera.width,
         height=camera.height,
         hfov_deg=round(degrees(2 * atan(camera.width / 2 / camera.fl_x)), 6),
+        **_conditions(trajectory),
     )
     out = Path(out)
     with locked(out):
@@ -76,3 +78,14 @@ def adopt_trajectory(
         draw_trajectory(run / "figures", loaded, trajectory)
         run.mark_finished("explore", time.perf_counter() - started, peak_gb())
     return out
+
+
+def _conditions(trajectory: Trajectory) -> dict[str, Any]:
+    """Return noise, pose source and semantics that ``explore`` has recorded, as settings of a run."""
+    meta, noise = trajectory.meta, trajectory.meta.get("noise")
+    found = {name: meta[name] for name in ("depth_noise", "semantics") if isinstance(meta.get(name), str)}
+    if isinstance(noise, dict) and noise.get("actuation") and noise.get("odometry"):
+        scale = noise.get("scale")
+        found |= {"noise": str(noise.get("model")), "noise_scale": scale if scale != 1 else None}
+        found |= {"poses": trajectory.pose_source} if trajectory.pose_source in ("estimated", "true") else {}
+    return found

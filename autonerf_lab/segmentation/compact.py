@@ -18,7 +18,7 @@ from torch import nn
 from autonerf_lab.errors import DataError
 from autonerf_lab.segmentation.base import Segmentation
 from autonerf_lab.segmentation.network import CompactNetwork, fold_normalization
-from autonerf_lab.utils.network_weights import load_weights, save_weights
+from autonerf_lab.utils.network_weights import load_weights, save_weights, weights_file
 from autonerf_lab.utils.storage import read_json
 
 WEIGHTS = Path(__file__).parent / "weights" / "compact"
@@ -93,13 +93,11 @@ def load_network(path: str | Path) -> tuple[nn.Module, float]:
     Raises:
         DataError: a file is missing, damaged or belongs to another network.
     """
-    path = Path(path)
-    meta = read_json(path.with_suffix(".json"), dict[str, Any])
+    file = weights_file(path, ".json")
+    meta = read_json(file, dict[str, Any])
     temperature = meta.get("temperature")
     if meta.get("version") != VERSION or not isinstance(temperature, int | float) or not 0.01 < temperature < 100:
-        raise DataError(
-            f"{path.with_suffix('.json')} needs version {VERSION} and a temperature; train the weights again"
-        )
+        raise DataError(f"{file} needs version {VERSION} and a temperature; train the weights again")
     network: nn.Module = CompactNetwork().eval()
     load_weights(path, network)
     network = fold_normalization(network).to(dtype=torch.bfloat16 if _HALF else torch.float32)

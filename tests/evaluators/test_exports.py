@@ -19,6 +19,7 @@ from autonerf_lab.evaluators.ground_truth import MapGrid
 from autonerf_lab.evaluators.maps import CellState
 from autonerf_lab.evaluators.ros_map import export_ros_map, write_map
 from autonerf_lab.geometry import Intrinsics, planar_pose
+from autonerf_lab.simulator.motion_noise import MotionNoise
 from autonerf_lab.types import Score
 
 FREE, OCCUPIED, UNKNOWN = CellState.FREE, CellState.OCCUPIED, CellState.UNKNOWN
@@ -106,6 +107,12 @@ def test_a_saved_trajectory_becomes_a_run(tmp_path: Path) -> None:
     assert (run / "nerf/nerf.json").exists()
     with pytest.raises(RunFolderError, match="holds a finished run"):
         lab.adopt_trajectory(tmp_path / "saved", run, preset_name="smoke", model="instant-ngp")
+    noisy = lab.Simulator(sim.scene, sim.intrinsics, 1, noise=MotionNoise(scale=2.0), depth_noise="redwood")
+    lab.explore(noisy, "random", 12, poses="true", progress=False).save(tmp_path / "noisy")
+    of_noisy = load_run(lab.adopt_trajectory(tmp_path / "noisy", tmp_path / "run_of_noisy", preset_name="smoke")).config
+    assert (of_noisy.noise, of_noisy.noise_scale, of_noisy.depth_noise) == ("ans", 2.0, "redwood")
+    assert (of_noisy.poses, of_noisy.semantics) == ("true", None)
+    assert (config.noise, config.depth_noise, config.poses) == (None, None, None)
     trajectory.meta["scene"] = "scan"
     trajectory.save(tmp_path / "of_a_scan")
     with pytest.raises(DataError, match=r"recorded in 'scan', no scene of the library; give its file with --scene"):

@@ -94,16 +94,16 @@ def test_weights_survive_saving_and_others_are_refused(tmp_path) -> None:
     network, rng = CompactNetwork().eval(), np.random.default_rng(0)
     images = rng.integers(256, size=(3, 40, 56, 3), dtype=np.uint8)
     depth = rng.uniform(0, 5, images.shape[:-1]).astype(np.float32)
-    save_network(tmp_path / "mine", network, 1.5, {"command": "by hand"})
-    loaded, temperature = load_network(tmp_path / "mine.safetensors")
+    save_network(tmp_path / "mine.v2", network, 1.5, {"command": "by hand"})
+    loaded, temperature = load_network(tmp_path / "mine.v2.safetensors")
     labels, confidence = predict(network, images, depth, 1.5)
     again, sure = predict(loaded, images, depth, temperature)  # half precision, folded normalisation
     assert (labels == again).mean() > 0.98
     np.testing.assert_allclose(sure, confidence, atol=0.01)
-    check_segmenter(lambda: make_segmenter(f"{tmp_path}/mine.safetensors"))
-    write_arrays(tmp_path / "mine.safetensors", {"head.weight": np.zeros(3, np.float16)})
+    check_segmenter(lambda: make_segmenter(f"{tmp_path}/mine.v2.safetensors"))
+    write_arrays(tmp_path / "mine.v2.safetensors", {"head.weight": np.zeros(3, np.float16)})
     with pytest.raises(DataError, match="belongs to another network"):
-        load_network(tmp_path / "mine")
+        load_network(tmp_path / "mine.v2")
 
 
 def test_shipped_weights_label_an_apartment_that_they_have_not_seen() -> None:
