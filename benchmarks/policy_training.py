@@ -1,7 +1,7 @@
 """Effect of PPO on the modular policies: PPO from scratch, imitation alone, and imitation followed by PPO.
 
     python benchmarks/policy_training.py --frames 1e6                       # hours; continues after an interruption
-    python benchmarks/policy_training.py --rewards obs --seeds 3 --plot docs/learning_curves.png
+    python benchmarks/policy_training.py --seeds 1 3 1 1 --plot docs/learning_curves.png  # three trainings for obs
     python benchmarks/policy_training.py --quick                            # two minutes, as a check of the script
 
 For each reward, one policy is trained by PPO from scratch and one by imitation of ``frontier`` and PPO, with the same
@@ -21,6 +21,7 @@ import shutil
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import cycle
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -156,7 +157,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rewards", default=",".join(TRAINED_FOR), help="Separated by commas.")
     parser.add_argument("--frames", type=float, default=1e6, help="Robot actions of each training by PPO.")
-    parser.add_argument("--seeds", type=int, default=1, help="Trainings of each kind.")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1], help="Trainings of each kind, or for each reward.")
     parser.add_argument("--starts", type=int, default=5, help="Start poses in each scene.")
     parser.add_argument("--steps", type=int, default=1500, help="Actions per episode of the evaluation.")
     parser.add_argument("--split", default="dev", choices=["dev", "val"])
@@ -167,14 +168,16 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="One reward, 4000 frames, one scene, 100 steps.")
     options = parser.parse_args()
     rewards, scenes = options.rewards.split(","), scene_names(options.split)
+    if len(options.seeds) not in (1, len(rewards)) or min(options.seeds) < 1:
+        parser.error(f"--seeds takes one positive number, or one for each of the {len(rewards)} rewards")
     changes: dict[str, Any] = {"frames": round(options.frames)}
     if options.quick:
-        rewards, scenes, options.starts, options.steps, options.seeds = rewards[:1], scenes[:1], 1, 100, 1
+        rewards, scenes, options.starts, options.steps, options.seeds = rewards[:1], scenes[:1], 1, 100, [1]
         changes = {"frames": 4000, "environments": 4, "episode": 20, "rollout": 20, "batch": 40, "demonstrations": 2}
         options.out = Path(tempfile.mkdtemp())
     settings = {
-        reward: [settings_of(f"modular-{reward}", seed=seed, **changes) for seed in range(options.seeds)]
-        for reward in rewards
+        reward: [settings_of(f"modular-{reward}", seed=seed, **changes) for seed in range(count)]
+        for reward, count in zip(rewards, cycle(options.seeds), strict=False)
     }
     trained = train(settings, options.out / "trainings", options.workers)
     names = {reward: [variants.policies() for variants in seeds] for reward, seeds in trained.items()}
