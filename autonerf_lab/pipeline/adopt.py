@@ -86,6 +86,7 @@ def _conditions(trajectory: Trajectory) -> dict[str, Any]:
     found = {name: meta[name] for name in ("depth_noise", "semantics") if isinstance(meta.get(name), str)}
     if isinstance(noise, dict) and noise.get("actuation") and noise.get("odometry"):
         scale = noise.get("scale")
-        found |= {"noise": str(noise.get("model")), "noise_scale": scale if scale != 1 else None}
-        found |= {"poses": trajectory.pose_source} if trajectory.pose_source in ("estimated", "true") else {}
+        found["noise"] = str(noise.get("model"))
+        found["noise_scale"] = scale if isinstance(scale, int | float) and scale != 1 else None
+        found["poses"] = trajectory.pose_source
     return found
