@@ -9,9 +9,6 @@ steps shrink; without a map they still add up.
 of the code on which the inputs depend.
 """
 
-import ast
-import hashlib
-import inspect
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +20,7 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.localization import motion_network, residual_image, scan
 from autonerf_lab.localization.motion_network import MotionNetwork
 from autonerf_lab.localization.scan import Scan
-from autonerf_lab.utils.network_weights import load_weights, save_weights, weights_file
+from autonerf_lab.utils.network_weights import code_sha256, load_weights, save_weights, weights_file
 from autonerf_lab.utils.storage import read_json
 
 WEIGHTS = Path(__file__).parent / "weights" / "odometry"
@@ -81,12 +78,5 @@ def load_network(path: str | Path) -> nn.Module:
 
 
 def inputs_sha256() -> str:
-    """Return the SHA-256 of the code on which the inputs of the network depend, without comments and docstrings."""
-    digest = hashlib.sha256()
-    for module in (scan, residual_image, motion_network):
-        tree = ast.parse(inspect.getsource(module))
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
-                node.body = node.body[1:]
-        digest.update(ast.unparse(tree).encode())
-    return digest.hexdigest()
+    """Return the SHA-256 of the code on which the inputs of the network depend."""
+    return code_sha256(scan, residual_image, motion_network)

@@ -57,7 +57,7 @@ _MODULAR = PolicySpec(
         "demonstrations": 60,
         "epochs": 3,
         "batch": 64,
-        "lr": 1e-3,  # a larger one undoes the imitation in the first updates
+        "lr": 1e-3,
         "gamma": 0.97,  # the weights of the rewards are then nearly those of the area under a curve of 1500 actions
         "gae": 0.9,
         "entropy": 0.0,
@@ -84,7 +84,7 @@ _END_TO_END = PolicySpec(
         "gamma": 0.99,
         "entropy": 0.01,
         "target_kl": None,
-        "episode": 1024,  # with shorter episodes the policy moves in circles once its surroundings are explored
+        "episode": 1024,
         "sensor": 84,
         "network": {"kind": "egocentric"},
     },

@@ -29,17 +29,15 @@ MAX_SAMPLES = 8192  # steps that are kept until the next collect
 class Curiosity:
     """Prediction error of a forward model, standard deviations of its return: ``sum((phi_hat(s, a) - phi(s'))^2)``.
 
-    phi encodes the state of the robot (in the paper, the recurrent state of the policy): the color and depth image at
-    42 x 42 pixels (depth alone if colors are off), and a coarse map, the explored and occupied share of blocks of 1 m.
-    With the image alone, detailed surfaces always have a large error, however often they were seen. phi is a fixed
-    random network: a trained encoder could minimise the error by mapping all states to the same features, and Burda et
-    al. 2018, "Large-Scale Study of Curiosity-Driven Learning", found random features about as good as the best
-    alternatives. As there, errors are divided by the running standard deviation of their discounted sum, which
-    :meth:`update` maintains; before the first update, by 100 steps, the horizon of the sum. Initially the model
-    predicts no change. The reward of the first step of an episode is 0.
-
-    Each error is divided by the mean error of the same action. A turn changes the image more than a step forward and is
-    harder to predict everywhere; without the division, turning on the spot would have the largest reward.
+    Two things differ from the paper. First, phi is not the recurrent state of the policy. It encodes the color and
+    depth image at 42 x 42 pixels (depth alone if colors are off), and a coarse map, the explored and occupied share of
+    blocks of 1 m, which says what is new ground. phi is a fixed random network: a trained encoder could minimise the
+    error by mapping all states to the same features, and Burda et al. 2018, "Large-Scale Study of Curiosity-Driven
+    Learning", found random features about as good as the best alternatives. Second, each error is divided by the mean
+    error of the same action: a turn changes the image more than a step forward. Errors are divided by the running
+    standard deviation of their discounted sum, as by Burda et al., which :meth:`update` maintains; before the first
+    update, by 100 steps, the horizon of the sum. Initially the model predicts no change. The reward of the first step
+    of an episode is 0.
 
     Args:
         seed: random seed of the networks and of the order of the samples.

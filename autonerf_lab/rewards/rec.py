@@ -28,8 +28,11 @@ class Reconstruction:
     concepts of each reference (50 clusters of descriptors, :mod:`~autonerf_lab.rewards.visual_concepts`) by attention
     over the 8 nearest views of the robot; the keys are their relative pose and median depth. The remaining weight goes
     to the frequency of each concept. The reward is the decrease of ``KL(true | predicted)``, mean over the references;
-    it is 0 at all other steps and until 50 concepts are known. As in the paper the predictor and the concepts are
-    learned; the descriptors are hand-crafted instead of ImageNet features.
+    it is 0 at all other steps and until 50 concepts are known.
+
+    Differences from the paper: the descriptors are hand-crafted instead of ImageNet features; the concepts are
+    clustered during the training of the policy instead of before it; the predictor is one attention over near views
+    instead of a transformer over all views, and learns from the divergence that is the reward.
 
     Args:
         seed: random seed of the concepts, of the predictor and of the order of the samples.

@@ -2,9 +2,10 @@
 
 It also works without a depth image: some of its training images had none.
 
-``compact.json`` beside the weights describes the training: command, number of frames, hours and learning curve. The
-confidence of a pixel is the probability of its most probable class. The logits are first divided by a temperature,
-which was fitted on apartments that are not in the training data (Guo et al. 2017).
+``compact.json`` beside the weights describes the training: command, number of frames, hours, learning curve, and the
+digest of the code that makes the inputs of the network and gives its outputs their meaning. The confidence of a pixel
+is the probability of its most probable class. The logits are first divided by a temperature, which was fitted on
+apartments that are not in the training data (Guo et al. 2017).
 """
 
 from collections.abc import Mapping
@@ -15,10 +16,12 @@ import numpy as np
 import torch
 from torch import nn
 
+from autonerf_lab import classes
 from autonerf_lab.errors import DataError
+from autonerf_lab.segmentation import network as network_module
 from autonerf_lab.segmentation.base import Segmentation
 from autonerf_lab.segmentation.network import CompactNetwork, fold_normalization
-from autonerf_lab.utils.network_weights import load_weights, save_weights, weights_file
+from autonerf_lab.utils.network_weights import code_sha256, load_weights, save_weights, weights_file
 from autonerf_lab.utils.storage import read_json
 
 WEIGHTS = Path(__file__).parent / "weights" / "compact"
@@ -84,7 +87,13 @@ def predict(
 
 def save_network(path: str | Path, network: nn.Module, temperature: float, meta: dict[str, Any]) -> None:
     """Write ``path``.safetensors, in half precision, and ``path``.json with the temperature and the training."""
-    save_weights(path, network, {"version": VERSION, "temperature": temperature, **meta})
+    meta = {"version": VERSION, "temperature": temperature, "inputs_sha256": inputs_sha256(), **meta}
+    save_weights(path, network, meta)
+
+
+def inputs_sha256() -> str:
+    """Return the SHA-256 of the code on which inputs and classes of the network depend."""
+    return code_sha256(network_module, classes)
 
 
 def load_network(path: str | Path) -> tuple[nn.Module, float]:

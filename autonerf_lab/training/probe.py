@@ -1,4 +1,4 @@
-"""Probe of a trained policy: what its network gets and answers at the start of three episodes.
+"""Probe of a trained policy: what its network gets and answers at the start of an episode and later.
 
 It is stored beside the weights. If code that the inputs depend on changes, or the weights do, the stored probe differs
 from a new one.
@@ -12,12 +12,12 @@ from torch import nn
 
 from autonerf_lab.policies.networks import RecurrentNetwork, batched
 
-SEEDS = (0, 1, 2)
+ACTIONS = (0, 25, 50)  # random actions before each observation: early in an episode, some channels are empty
 Probe = list[dict[str, float]]
 
 
 def probe(network: nn.Module, make: Callable[[], gymnasium.Env]) -> Probe:
-    """Evaluate a network on the first observations of three episodes.
+    """Evaluate a network on an observation of each of three episodes, after :data:`ACTIONS` random actions.
 
     Args:
         network: network on the CPU, unchanged.
@@ -38,8 +38,13 @@ def probe(network: nn.Module, make: Callable[[], gymnasium.Env]) -> Probe:
         (3, 1.099)
     """
     env, rows = make(), []
-    for seed in SEEDS:
+    for seed, actions in enumerate(ACTIONS):
         obs = env.reset(seed=seed)[0]
+        env.action_space.seed(seed)
+        for _ in range(actions):
+            obs, _, terminated, truncated, _ = env.step(env.action_space.sample())
+            if terminated or truncated:
+                obs = env.reset()[0]
         batch = batched([obs])
         with torch.inference_mode():
             if isinstance(network, RecurrentNetwork):

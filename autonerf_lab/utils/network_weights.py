@@ -1,6 +1,10 @@
 """Weights of trained networks: half-precision safetensors, and a JSON file with the training beside them."""
 
+import ast
+import hashlib
+import inspect
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -61,6 +65,24 @@ def load_weights(path: str | Path, network: nn.Module, way_out: str = "train the
         raise DataError(f"{path} contains values that are not finite; train the weights again")
     values = {name: torch.from_numpy(array.astype(np.float32)) for name, array in arrays.items()}
     network.load_state_dict(values, strict=False)  # counters are not stored; all other names were compared
+
+
+def code_sha256(*modules: ModuleType) -> str:
+    """Return the SHA-256 of the code of modules, without comments and docstrings.
+
+    Example:
+        >>> from autonerf_lab import classes, geometry
+        >>> code_sha256(classes) == code_sha256(classes), code_sha256(classes) == code_sha256(geometry)
+        (True, False)
+    """
+    digest = hashlib.sha256()
+    for module in modules:
+        tree = ast.parse(inspect.getsource(module))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+                node.body = node.body[1:]
+        digest.update(ast.unparse(tree).encode())
+    return digest.hexdigest()
 
 
 def _state(network: nn.Module) -> dict[str, torch.Tensor]:

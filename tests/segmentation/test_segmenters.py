@@ -1,5 +1,7 @@
 """Segmenters by name, simulated errors at their rates, Mask R-CNN's file, and the scores of labels."""
 
+import json
+
 import numpy as np
 import pytest
 import torch
@@ -17,10 +19,11 @@ from autonerf_lab.segmentation import (
     make_segmenter,
     segmenter_sha256,
 )
-from autonerf_lab.segmentation.compact import Compact, load_network, predict, save_network
+from autonerf_lab.segmentation.compact import WEIGHTS, Compact, inputs_sha256, load_network, predict, save_network
 from autonerf_lab.segmentation.metrics import class_scores, confusion_matrix
-from autonerf_lab.segmentation.network import CompactNetwork
+from autonerf_lab.segmentation.network import CompactNetwork, fold_normalization
 from autonerf_lab.simulator import Simulator
+from autonerf_lab.utils.network_weights import load_weights
 from autonerf_lab.utils.storage import write_arrays
 
 
@@ -106,14 +109,29 @@ def test_weights_survive_saving_and_others_are_refused(tmp_path) -> None:
         load_network(tmp_path / "mine.v2")
 
 
-def test_shipped_weights_label_an_apartment_that_they_have_not_seen() -> None:
-    """The mIoU of these twenty views is 71 %; that of three untrained networks is below 2 %."""
+def test_shipped_weights_label_an_apartment_that_they_have_not_seen_and_noise_in_their_place_does_not() -> None:
+    """The mIoU of these twenty views is 71 %; that of noise is below 2 %."""
     sim = Simulator(load_scene("dev-0"))
     frames = [sim.render(c2w) for c2w in sample_test_poses(sim, 20)]
     rgb, depth, truth = (np.stack([getattr(f, name) for f in frames]) for name in ("rgb", "depth", "semantics"))
     found = make_segmenter("predicted")(rgb, depth)
     assert class_scores(confusion_matrix(found.labels, truth))["miou"] > 65
     assert found.confidence.mean() == pytest.approx((found.labels == truth).mean(), abs=0.02)
+    network = CompactNetwork().eval()
+    load_weights(WEIGHTS, network)
+    torch.manual_seed(0)
+    with torch.no_grad():
+        for value in network.parameters():
+            value.copy_(torch.randn_like(value) * value.std(unbiased=False))
+    labels, _ = predict(fold_normalization(network), rgb, depth, 1.0)
+    assert class_scores(confusion_matrix(labels, truth))["miou"] < 5
+
+
+def test_shipped_weights_are_small_name_their_training_and_belong_to_this_code() -> None:
+    meta = json.loads(WEIGHTS.with_suffix(".json").read_text())
+    assert meta["command"].startswith("autonerf-lab train-segmentation ") and meta["hours"] > 0 and meta["curve"]
+    assert meta["inputs_sha256"] == inputs_sha256(), "inputs or classes of the network changed: train the weights again"
+    assert WEIGHTS.with_suffix(".safetensors").stat().st_size <= 5e6
 
 
 def test_a_segmenter_that_fails_is_named() -> None:
