@@ -28,6 +28,7 @@ def main() -> None:
     """Draw the figure and print the means."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", default="runs/learning_curves.png", help="File of the figure.")
+    parser.add_argument("--quick", action="store_true", help="As without; the script takes seconds.")
     options = parser.parse_args()
     figure, quarters = Figure(figsize=(11, 5.4), layout="constrained"), {}
     for ax, (name, (key, label)) in zip(figure.subplots(2, 3).flat, PANELS.items(), strict=True):

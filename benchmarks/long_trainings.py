@@ -1,13 +1,12 @@
-"""Fields with the published settings: quality over training time, and the surfaces at the end.
+"""Fields of the three models: quality over training time, and the surfaces at the end.
 
 Trains each of ``--models`` on a trajectory of ``--policy``, with images of the preset ``fast`` and the settings of
 ``--preset``. Held-out views are rendered after 100, 200, 500, 1000, … steps, and the clock stands still meanwhile; the
 trained field is scored in the tasks rendering, maps and mesh. The settings of ``paper`` are made for a GPU. An
 interrupted training continues from its checkpoint.
 
-    python benchmarks/long_trainings.py --device cuda                 # with the published numbers of steps: days
-    python benchmarks/long_trainings.py --device cuda --seconds 1200  # twenty minutes a model
-    python benchmarks/long_trainings.py --preset fast                 # in the same figures
+    python benchmarks/long_trainings.py  # preset fast, minutes
+    python benchmarks/long_trainings.py --preset paper --device cuda --seconds 1200  # in the same figures
     python benchmarks/long_trainings.py --quick
 
 Prints a table of all trainings in ``--out`` and, as the last line, one JSON object; ``--out`` also gets a CSV with all
@@ -150,7 +149,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--models", nargs="+", choices=MODELS, help="Default: the three of the paper.",
                         default=["semantic-nerfacto", "instant-ngp", "semantic-nerf"])  # fmt: skip
-    parser.add_argument("--preset", default="paper", choices=PRESETS, help="Settings of the models.")
+    parser.add_argument("--preset", default="fast", choices=PRESETS, help="Settings of the models.")
     parser.add_argument("--scene", default="dev-0")
     parser.add_argument("--policy", default="modular-obs")
     parser.add_argument("--device", help="Torch device; default: compiled kernels on the CPU.")
