@@ -1,12 +1,9 @@
 """Training of policies: the vector environment, interruptions and errors."""
 
-import json
 import multiprocessing
 import os
 import signal
-import subprocess
-import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 
 import gymnasium
@@ -186,41 +183,6 @@ def test_a_resumed_training_is_bit_identical(name, settings, last, tmp_path, mon
     (tmp_path / "parts" / train.CHECKPOINT).write_bytes(b"\x10\0\0\0\0\0\0\0 not safetensors")
     with pytest.raises(DataError, match=r"checkpoint.safetensors is damaged"):
         run(tmp_path / "parts", settings, workers=1)
-
-
-KILLED = """
-import json, os, signal, sys
-from autonerf_lab.training import session
-from autonerf_lab.training.settings import PolicySettings
-from autonerf_lab.training.train import train_policy
-
-if __name__ == "__main__":
-    session.SAVE_EVERY, rows = 0.0, []
-
-    def kill_in_the_third(row):
-        rows.append(row)
-        if len(rows) == 3:
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    settings = PolicySettings(**json.loads(sys.argv[2]))
-    train_policy("modular-cov", sys.argv[1], settings, workers=2, progress=False, callback=kill_in_the_third)
-"""
-
-
-def test_a_killed_training_continues_with_the_same_bits(tmp_path):
-    script = tmp_path / "killed.py"
-    script.write_text(KILLED)
-    command = [sys.executable, str(script), str(tmp_path / "parts"), json.dumps(asdict(TINY))]
-    killed = subprocess.run(command, check=False)
-    assert killed.returncode == -signal.SIGKILL and (tmp_path / "parts" / train.CHECKPOINT).exists()
-    assert not (tmp_path / "parts/policy.safetensors").exists()
-    whole, parts = (
-        train.train_policy("modular-cov", tmp_path / name, TINY, workers=1, progress=False)
-        for name in ("whole", "parts")
-    )
-    assert weights_of(parts).keys() == weights_of(whole).keys()
-    assert all(np.array_equal(value, weights_of(parts)[name]) for name, value in weights_of(whole).items())
-    assert (tmp_path / "whole/curve.csv").read_text() == (tmp_path / "parts/curve.csv").read_text()
 
 
 def test_a_resumed_imitation_is_bit_identical(tmp_path, monkeypatch):
