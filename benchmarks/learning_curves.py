@@ -11,10 +11,10 @@ import json
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
+from scipy.ndimage import uniform_filter1d
 
 from autonerf_lab.policies import WEIGHTS
 from autonerf_lab.policies.weights import read_meta
-from autonerf_lab.viz.figures.training import running_mean
 
 PANELS = {  # weights: quantity and its label
     **{f"e2e-{reward}": ("explored_m2", "explored area (m²)") for reward in ("cov", "cur", "nov", "rec")},
@@ -35,7 +35,7 @@ def main() -> None:
         meta = read_meta(WEIGHTS / name)
         frames, values = (np.array([row[column] for row in meta["curve"]]) for column in ("frames", key))
         ax.plot(frames, values, ".", ms=3, color="#0072B2", alpha=0.4)
-        ax.plot(frames[SMOOTH // 2 :][: len(frames) - SMOOTH + 1], running_mean(values, SMOOTH), color="#0072B2")
+        ax.plot(frames, uniform_filter1d(values, SMOOTH), color="#0072B2")
         ax.set(title=meta["policy"], xlabel="frames", ylabel=label, ylim=(0, None))
         ax.xaxis.set_major_formatter(EngFormatter(sep=""))
         ax.grid(alpha=0.3)

@@ -75,9 +75,8 @@ class Record:
             self._started += time.perf_counter() - arrived
 
 
-def train(model: str, options: argparse.Namespace) -> dict[str, Any]:
-    """Train and score a model; return its saved result if there is one."""
-    label = f"{model}, {options.preset}"
+def train(model: str, options: argparse.Namespace) -> None:
+    """Train a model and save its scores and a picture of its surface, if they are not there."""
     folder = options.out / f"{model}-{options.preset}"
     scene, sizes = scene_by_name(options.scene), PRESETS["smoke" if options.quick else "fast"]
     spec = model_spec(model)
@@ -86,8 +85,8 @@ def train(model: str, options: argparse.Namespace) -> dict[str, Any]:
     identity |= {"sizes": sizes.name, "settings": settings_to_json(settings), "device": options.device}
     identity |= {"seconds": options.seconds}
     path = folder / "result.json"
-    if path.exists() and (found := read_json(path, dict[str, Any]))["identity"] == identity:
-        return found
+    if path.exists() and read_json(path, dict[str, Any])["identity"] == identity:
+        return
     sim = Simulator.from_preset(scene, sizes)
     trajectory = explore(sim, options.policy, steps=sizes.episode_steps, seed=0, progress=False)
     test_views = Dataset.from_trajectory(photographs(sim, options.views, TEST_SEED))
@@ -102,17 +101,16 @@ def train(model: str, options: argparse.Namespace) -> dict[str, Any]:
         checkpoint=folder / "training", progress=False, callback=record,
     )  # fmt: skip
     scores = evaluate(nerf, scene, sizes, tasks=TASKS, progress=False)
-    found = {"identity": identity, "label": label, "steps": nerf.meta["steps"], "rows": record.rows}
-    found["scores"] = {metric.full_heading: scores[metric.key] for metric in METRICS}
+    result = {"identity": identity, "label": f"{model}, {options.preset}", "steps": nerf.meta["steps"]}
+    result |= {"rows": record.rows, "scores": {metric.full_heading: scores[metric.key] for metric in METRICS}}
     Image.fromarray(bird_view(scores.artifacts["mesh"]["mesh"])).save(folder / "mesh.png")
-    write_json(path, found)
+    write_json(path, result)
     shutil.rmtree(folder / "training", ignore_errors=True)  # the checkpoint
-    print(f"{label}: {found['steps']} steps", flush=True)
-    return found
+    print(f"{result['label']}: {result['steps']} steps", flush=True)
 
 
-def draw(found: list[dict[str, Any]], out: Path) -> None:
-    """Draw the scores over seconds of training, and the surfaces of the trained fields."""
+def draw(found: dict[Path, dict[str, Any]], out: Path) -> None:
+    """Draw the scores over seconds of training, and the surfaces of the trained fields, by their folders."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -120,7 +118,7 @@ def draw(found: list[dict[str, Any]], out: Path) -> None:
 
     figure, axes = plt.subplots(1, len(PANELS), figsize=(11, 4), layout="constrained")
     for ax, (key, name) in zip(axes, PANELS.items(), strict=True):
-        for result in found:
+        for result in found.values():
             style = "o--" if result["label"].endswith("fast") else "o-"
             ax.plot(*zip(*((r["seconds"], r[key]) for r in result["rows"]), strict=True), style, ms=3,
                     label=_described(result))  # fmt: skip
@@ -134,8 +132,8 @@ def draw(found: list[dict[str, Any]], out: Path) -> None:
     figure, axes = plt.subplots(rows, 2, figsize=(11, 4.2 * rows), layout="constrained", squeeze=False)
     for ax in axes.flat:
         ax.axis("off")
-    for ax, result in zip(axes.flat, found, strict=False):
-        ax.imshow(plt.imread(out / result["label"].replace(", ", "-") / "mesh.png"))
+    for ax, (folder, result) in zip(axes.flat, found.items(), strict=False):
+        ax.imshow(plt.imread(folder / "mesh.png"))
         ax.set_title(f"{_described(result)}, {result['steps']} steps", fontsize=10)
     figure.savefig(out / "long_trainings_meshes.png", dpi=90)
 
@@ -163,8 +161,9 @@ def main() -> None:
     torch.set_float32_matmul_precision("high")  # matrix products of a GPU in TF32
     for model in options.models:
         train(model, options)
-    found = [read_json(path, dict[str, Any]) for path in sorted(options.out.glob("*/result.json"))]
-    draw(found, options.out)
+    folders = {path.parent: read_json(path, dict[str, Any]) for path in sorted(options.out.glob("*/result.json"))}
+    draw(folders, options.out)
+    found = [*folders.values()]
     write_csv(options.out / "long_trainings.csv", [{"field": f["label"], **row} for f in found for row in f["rows"]])
     print(f"\n| {options.scene}, {options.policy} | " + " | ".join(map(_described, found)) + " |")
     print("|---" * (len(found) + 1) + "|")

@@ -5,6 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 import torch
+from noise import fill_with_noise
 from safetensors.numpy import load_file
 
 from autonerf_lab.evaluators.exploration import summed_rewards
@@ -32,10 +33,7 @@ def new_probe(path, replace_by_noise: bool) -> Probe:
     network = make_network(meta["network"])[1]
     load_weights(path, network)
     if replace_by_noise:
-        torch.manual_seed(0)
-        with torch.no_grad():
-            for value in network.parameters():
-                value.copy_(torch.randn_like(value) * value.std(unbiased=False))
+        fill_with_noise(network)
     names = {field.name for field in fields(PolicySettings)}
     settings = PolicySettings(**{name: value for name, value in meta["settings"].items() if name in names})
     return probe(network, lambda: make_env(settings, meta["policy"].partition("-")[2]))

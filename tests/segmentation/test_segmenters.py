@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from noise import fill_with_noise
 from toy_scene import to_scene, two_rooms
 
 from autonerf_lab.envs.explore import ExploreEnv
@@ -119,10 +120,7 @@ def test_shipped_weights_label_an_apartment_that_they_have_not_seen_and_noise_in
     assert found.confidence.mean() == pytest.approx((found.labels == truth).mean(), abs=0.02)
     network = CompactNetwork().eval()
     load_weights(WEIGHTS, network)
-    torch.manual_seed(0)
-    with torch.no_grad():
-        for value in network.parameters():
-            value.copy_(torch.randn_like(value) * value.std(unbiased=False))
+    fill_with_noise(network)
     labels, _ = predict(fold_normalization(network), rgb, depth, 1.0)
     assert class_scores(confusion_matrix(labels, truth))["miou"] < 5
 
