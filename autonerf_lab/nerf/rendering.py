@@ -14,7 +14,8 @@ from autonerf_lab.nerf.settings import Settings
 # Added to the output of the density network, which starts near 0: the initial density is low enough for rays to reach
 # the walls.
 LOG_SIGMA_START = -2.5
-OPAQUE = 1e-2  # transmittance below which a ray may stop
+OPAQUE = 1e-2  # transmittance by the densities of a grid, below which a ray may stop
+DARK_DEPTH = 9.2  # optical depth in a field behind which a ray is dark: a transmittance of 1e-4
 MAX_LOG_SIGMA = 9.6  # upper limit of the log density
 SMALLEST = 1e-12  # smallest divisor
 MAX_ERROR = 1e3  # metres; larger errors of a signed distance count linearly: the square could exceed float32
@@ -151,6 +152,36 @@ def occupied_bins(
     step = (torch.searchsorted(passed.contiguous(), wanted.contiguous()) - 1).clamp(0, occupied.shape[1] - 1)
     middle = edges.gather(1, step) + wanted - passed.gather(1, step)
     return middle - width / 2, middle + width / 2
+
+
+def visible_bins(
+    starts: torch.Tensor, ends: torch.Tensor, density: torch.Tensor, jitter: torch.Tensor, bins: int
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Divide the marched bins of each ray, up to the one behind which it is dark, into bins of equal length.
+
+    Args:
+        starts, ends: (R, M) of the marched bins, metres.
+        density: (R, M) of the field in them, per metre.
+        jitter: (R,) in [0, 1).
+        bins: number of bins.
+
+    Returns:
+        starts, ends (R, bins).
+
+    Example:
+        >>> edges = torch.arange(5.0)[None]
+        >>> visible_bins(edges[:, :-1], edges[:, 1:], torch.tensor([[0.0, 99.0, 0.0, 0.0]]), torch.tensor([0.5]), 2)
+        (tensor([[0., 1.]]), tensor([[1., 2.]]))
+    """
+    length = ends - starts
+    depth = (density * length).cumsum(dim=1)
+    kept = ((depth <= DARK_DEPTH).sum(dim=1, keepdim=True) + 1).clamp(max=starts.shape[1])
+    scale = kept / bins
+    wanted = (torch.arange(bins, device=starts.device) + 0.25 + 0.5 * jitter[:, None]) * scale
+    index = torch.minimum(wanted.long(), kept - 1)
+    length = length.gather(1, index)
+    middle = starts.gather(1, index) + (wanted - index) * length
+    return middle - scale / 2 * length, middle + scale / 2 * length
 
 
 def surface_loss(

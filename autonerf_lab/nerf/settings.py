@@ -155,7 +155,8 @@ class OccupancySettings(HashSettings):
     grid_warmup: int = 64  # first steps, whose updates query the whole grid; later ones query an eighth
     decay: float = 0.8  # factor of the densities at each update; 0.95 would keep the initial density for 1000 steps
     occupied: float = 0.1  # smallest density of an occupied cell, per metre
-    reach: float = 1.0  # length of occupied space that a ray crosses before it may stop
+    reach: float = 2.0  # length of occupied space that a ray crosses before the grid may end it
+    marched: int = 32  # bins per ray in which the density of the field tells where the ray is dark
 
 
 @dataclass(frozen=True)

@@ -161,6 +161,13 @@ def occupied_bins(rng):
     return starts, ends
 
 
+def visible_bins(rng):
+    edges, density = bins(rng, 8, 32), draw(rng, np.concatenate([TINY, np.float32([0.1, 14765])]), 8, 32, signed=False)
+    starts, ends = np.empty((8, SAMPLES), np.float32), np.empty((8, SAMPLES), np.float32)
+    ray_marching.visible_bins(edges[:, :-1], edges[:, 1:], density, rng.random(8, np.float32), starts, ends)
+    return starts, ends
+
+
 def surface_bins(rng):
     rays = 8
     grid = rng.choice(np.int16([-32768, -90, 0, 1, 90, 32766, 32767]), (6, 5, 4))
@@ -202,7 +209,7 @@ def adam_steps(rng):
     "kernel",
     [
         *(ray_weights, warps, losses_along_a_ray, points_on_rays, resampling, colours_and_classes, proposal_networks),
-        *(occupied_bins, surface_bins, hash_features, adam_steps),
+        *(occupied_bins, visible_bins, surface_bins, hash_features, adam_steps),
     ],
 )
 def test_kernels(kernel):
@@ -246,7 +253,9 @@ def placed_bins(rng):
     edges = rendering.first_edges(near, far, turn, jitter, SAMPLES)
     finer = rendering.resample(torch.from_numpy(bins(rng, 4)), torch.from_numpy(histogram(rng, 4)), jitter, 1e-12, 20)
     density = draw(rng, np.concatenate([TINY, np.float32([0.1, 14765])]), 4, SAMPLES, signed=False)
-    return edges, finer, *rendering.occupied_bins(edges, torch.from_numpy(density), 0.1, 1e6, jitter, 8)
+    density = torch.from_numpy(density)
+    starts, ends = rendering.occupied_bins(edges, density, 0.1, 1e6, jitter, SAMPLES)
+    return edges, finer, starts, ends, *rendering.visible_bins(starts, ends, density, jitter, 8)
 
 
 def adam_of_tensors(rng):

@@ -210,9 +210,21 @@ def test_gradients_of_rays_agree_with_autograd() -> None:
         assert np.quantile(np.abs(a - b), 0.95) <= 1e-3 * np.abs(b).max()
 
 
+class Shells:
+    """Stand-in for a field: density where the distance from the origin is 1 to 1.5, 2 to 2.5 and so on."""
+
+    def __init__(self, density: float) -> None:
+        self._density = np.float32(density)
+
+    def density(self, points: np.ndarray) -> np.ndarray:
+        radius = np.linalg.norm(points, axis=1)
+        return self._density * ((radius >= 1) & (radius % 1 < 0.5))
+
+
 def test_marching_agrees_with_the_reference_and_skips_empty_cells() -> None:
-    settings = OccupancySettings(samples=12, candidates=64, cell=0.25, far=6.0, reach=0.5, levels=4)
-    kernels, reference = OccupancySampler(settings, BOX), TorchOccupancySampler(settings, BOX, "cpu")
+    settings = OccupancySettings(samples=12, marched=20, candidates=64, cell=0.25, far=6.0, reach=0.5, levels=4)
+    field = Shells(4)
+    kernels, reference = OccupancySampler(settings, BOX, field), TorchOccupancySampler(settings, BOX, field, "cpu")
     rng = np.random.default_rng(4)
     density = (rng.random(kernels.state["occupancy"].shape) < 0.2) * rng.exponential(
         20, kernels.state["occupancy"].shape
@@ -232,13 +244,29 @@ def test_marching_agrees_with_the_reference_and_skips_empty_cells() -> None:
 
 def test_a_ray_through_empty_space_is_divided_over_its_whole_length() -> None:
     settings = OccupancySettings(samples=4, candidates=32, near=1.0, far=3.0, turn=4.0, levels=4)
-    sampler = OccupancySampler(settings, BOX)
+    sampler = OccupancySampler(settings, BOX, Shells(0))
     sampler.state["occupancy"][...] = 0
     sampler.state["occupancy"][0, 0, 0] = 1e6  # raises the mean, so that no other cell counts as occupied
     rays = Rays(np.zeros((8, 3), np.float32), np.tile(np.float32([1, 0, 0]), (8, 1)))
     samples = sampler.sample(rays, np.full(8, 0.5, np.float32))
     np.testing.assert_allclose(samples.starts[0], [1, 1.5, 2, 2.5], atol=1e-3)
     np.testing.assert_allclose(samples.ends[0], [1.5, 2, 2.5, 3], atol=1e-3)
+
+
+def test_a_ray_ends_where_the_field_is_dense_and_not_where_a_cell_of_the_grid_is() -> None:
+    settings = OccupancySettings(samples=4, marched=20, candidates=64, near=0.5, far=2.5, turn=4.0, levels=4, reach=9.0)
+    rays = Rays(np.zeros((8, 3), np.float32), np.tile(np.float32([1, 0, 0]), (8, 1)))
+    ends = {}
+    for density in (0, 12, 1000):
+        sampler = OccupancySampler(settings, BOX, Shells(density))
+        sampler.state["occupancy"][...] = 1000
+        samples = sampler.sample(rays, np.full(8, 0.5, np.float32))
+        np.testing.assert_allclose(samples.starts[:, 1:], samples.ends[:, :-1], atol=1e-3)
+        np.testing.assert_allclose(samples.starts[:, 0], 0.5, atol=1e-3)
+        ends[density] = samples.ends[0, -1]
+    # Marched bins of 10 cm begin at 0.5 m. An optical depth of 9.2 takes 77 cm of 12 per metre: 50 cm in the shell from
+    # 1 m, and 27 cm, which are three bins, in the shell from 2 m. Of 1000 per metre it takes one bin.
+    assert ends == pytest.approx({0: 2.5, 12: 2.3, 1000: 1.1}, abs=1e-3)
 
 
 def test_bins_with_gaps() -> None:

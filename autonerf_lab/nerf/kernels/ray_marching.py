@@ -5,7 +5,8 @@ from numba import njit, prange
 
 from autonerf_lab.nerf.kernels.tiling import ONE, ZERO
 
-OPAQUE = np.float32(1e-2)  # transmittance below which a ray may stop
+OPAQUE = np.float32(1e-2)  # transmittance by the densities of the grid, below which a ray may stop
+DARK_DEPTH = np.float32(9.2)  # optical depth in the field behind which a ray is dark: a transmittance of 1e-4
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
@@ -62,6 +63,33 @@ def occupied_bins(
         while k < count:  # by rounding, bins may be left at the end of the ray
             starts[r, k], ends[r, k] = edges[r, steps], edges[r, steps]
             k += 1
+
+
+@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def visible_bins(marched_starts, marched_ends, density, jitter, starts, ends):
+    """Divide the marched bins of each ray, up to the one behind which it is dark, into S bins.
+
+    Args:
+        marched_starts, marched_ends: (R, M), metres.
+        density: (R, M) float32 of the field in the marched bins, per metre.
+        jitter: (R,) in [0, 1), shift of the bin midpoints; 0.5 for evaluation.
+        starts, ends: (R, S), written, metres.
+    """
+    marched, count = density.shape[1], starts.shape[1]
+    for r in prange(density.shape[0]):
+        depth, kept = ZERO, 0
+        while kept < marched and depth <= DARK_DEPTH:
+            depth += density[r, kept] * (marched_ends[r, kept] - marched_starts[r, kept])
+            kept += 1
+        scale = np.float32(kept) / np.float32(count)
+        for k in range(count):
+            # midpoint of bin k, counted in marched bins
+            wanted = (np.float32(k) + np.float32(0.25) + np.float32(0.5) * jitter[r]) * scale
+            i = min(int(wanted), kept - 1)
+            length = marched_ends[r, i] - marched_starts[r, i]
+            middle = marched_starts[r, i] + (wanted - np.float32(i)) * length
+            half = np.float32(0.5) * scale * length
+            starts[r, k], ends[r, k] = middle - half, middle + half
 
 
 @njit(inline="always")

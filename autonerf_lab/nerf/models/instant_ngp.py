@@ -27,6 +27,8 @@ SETTINGS = {
         min_weight=0.0,
         samples=128,
         candidates=1024,
+        reach=8.0,
+        marched=128,
         cell=0.12,  # 128 cells over 15 m
         grid_warmup=256,
         levels=16,
@@ -44,13 +46,13 @@ def build(
 ) -> Model:
     """Build the model with fused kernels on the CPU, or with torch on ``device``."""
     if device is None:
-        field, sampler = HashField(settings, box, frames, classes, rng), OccupancySampler(settings, box)
-        return Model(settings, box, field, sampler, frames)
+        field = HashField(settings, box, frames, classes, rng)
+        return Model(settings, box, field, OccupancySampler(settings, box, field), frames)
     from autonerf_lab.nerf.fields.torch_hash_field import TorchHashField
     from autonerf_lab.nerf.samplers.torch_occupancy import TorchOccupancySampler
 
     torch_field = TorchHashField(settings, box, frames, classes, rng, device)
-    return Model(settings, box, torch_field, TorchOccupancySampler(settings, box, device), frames)
+    return Model(settings, box, torch_field, TorchOccupancySampler(settings, box, torch_field, device), frames)
 
 
 SPEC = ModelSpec(SETTINGS, build)
@@ -61,6 +63,7 @@ RGBD: dict[str, Any] = {
     "density_gain": 8.0,
     "cell": 0.06,
     "reach": 0.3,
+    "marched": 12,
     "distortion_weight": 0.002,
     "label_distance": 1.0,
 }

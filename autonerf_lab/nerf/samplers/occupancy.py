@@ -15,7 +15,12 @@ FUSED_RAYS = 3_000_000  # largest number of pixels whose depth is fused
 
 
 class OccupancySampler:
-    """Bins of equal length in the occupied space that a ray crosses before it becomes opaque.
+    """Bins of equal length in the occupied space that a ray crosses before it is dark.
+
+    A ray is marched through the occupied cells of a grid, and the field's own density in the marched bins tells where
+    the ray is dark. The grid alone cannot tell: it stores the largest density of a cell, which a ray may cross beside
+    the surface; so it ends a ray only after ``reach`` metres of occupied space. When rays end in front of surfaces, the
+    field learns what they saw behind as low density in front; this fills the grid, and the training does not recover.
 
     The grid covers the contracted cube. Every ``update_every`` steps its densities decay, and the density at a random
     point of each queried cell replaces the stored one where it is larger. A cell is occupied if its density exceeds a
@@ -24,10 +29,11 @@ class OccupancySampler:
     Args:
         settings: size of the grid, number of bins.
         box: region of full resolution.
+        field: its density ends the rays.
     """
 
-    def __init__(self, settings: OccupancySettings, box: SceneBox) -> None:
-        self.settings, self.box = settings, box
+    def __init__(self, settings: OccupancySettings, box: SceneBox, field: Field) -> None:
+        self.settings, self.box, self.field = settings, box, field
         shape = np.maximum(np.ceil(box.size / settings.cell), 1).astype(np.int64)
         if shape.astype(np.float64).prod() > MAX_COUNT:
             raise DataError(f"settings: cell={settings.cell} is too small: a grid of over {MAX_COUNT} cells")
@@ -55,13 +61,23 @@ class OccupancySampler:
         s, box, count = self.settings, self.box, len(rays)
         edges = np.empty((count, s.candidates + 1), np.float32)
         volume_rendering.first_edges(np.float32(s.near), np.float32(s.far), np.float32(s.turn), jitter, edges)
-        starts, ends = np.empty((count, s.samples), np.float32), np.empty((count, s.samples), np.float32)
+        marched = Samples(*np.empty((2, count, s.marched), np.float32))
         density = self.state["occupancy"]
         ray_marching.occupied_bins(
             rays.origins, rays.directions, edges, box.center, box.half, np.float32(box.shell),
-            density, min(np.float32(s.occupied), density.mean()), np.float32(s.reach), jitter, starts, ends,
+            density, min(np.float32(s.occupied), density.mean()), np.float32(s.reach), jitter,
+            marched.starts, marched.ends,
         )  # fmt: skip
-        return Samples(starts, ends)
+        samples = Samples(*np.empty((2, count, s.samples), np.float32))
+        ray_marching.visible_bins(
+            marched.starts, marched.ends, self.density(rays, marched), jitter, samples.starts, samples.ends
+        )
+        return samples
+
+    def density(self, rays: Rays, samples: Samples) -> np.ndarray:
+        """Return the field's density (R, S) at the midpoints of bins, per metre."""
+        points = rays.origins[:, None] + samples.midpoints[..., None] * rays.directions[:, None]
+        return self.field.density(points.reshape(-1, 3)).reshape(samples.starts.shape)
 
     def learn(
         self,

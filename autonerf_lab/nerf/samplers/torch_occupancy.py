@@ -5,6 +5,7 @@ import torch
 
 from autonerf_lab.nerf import rendering
 from autonerf_lab.nerf.fields.torch_field import midpoints
+from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.ray_batch import Rays, Samples
 from autonerf_lab.nerf.samplers.occupancy import OccupancySampler
 from autonerf_lab.nerf.scene_box import SceneBox
@@ -14,8 +15,8 @@ from autonerf_lab.nerf.settings import OccupancySettings
 class TorchOccupancySampler(OccupancySampler):
     """The same sampler in torch, on any device: the readable reference of the kernel."""
 
-    def __init__(self, settings: OccupancySettings, box: SceneBox, device: str) -> None:
-        super().__init__(settings, box)
+    def __init__(self, settings: OccupancySettings, box: SceneBox, field: Field, device: str) -> None:
+        super().__init__(settings, box, field)
         self.device = torch.device(device)
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
@@ -30,5 +31,7 @@ class TorchOccupancySampler(OccupancySampler):
         cells = torch.minimum((x * size).long().clamp(min=0), size - 1)
         found = density[tuple(cells.unbind(-1))]
         threshold = min(s.occupied, density.mean().item())
-        starts, ends = rendering.occupied_bins(edges, found, threshold, s.reach, shift, s.samples)
+        starts, ends = rendering.occupied_bins(edges, found, threshold, s.reach, shift, s.marched)
+        marched = self.density(rays, Samples(starts.cpu().numpy(), ends.cpu().numpy()))
+        starts, ends = rendering.visible_bins(starts, ends, torch.from_numpy(marched).to(self.device), shift, s.samples)
         return Samples(starts.cpu().numpy(), ends.cpu().numpy())
