@@ -1,10 +1,17 @@
-"""A training that is interrupted between two updates."""
+"""A training that is interrupted between two updates, and settings of one that takes seconds."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
+
+from autonerf_lab.training.settings import PolicySettings
+
+TINY = PolicySettings(
+    frames=180, demonstrations=0, environments=2, episode=2, rollout=2, epochs=1, batch=4, sensor=16, target_kl=None,
+    network={"kind": "compact", "follow": 12},
+)  # fmt: skip
 
 
 @contextmanager

@@ -7,15 +7,11 @@ import sys
 from dataclasses import asdict
 
 import numpy as np
+from interrupted_training import TINY
 from safetensors.numpy import load_file
 
 from autonerf_lab.training import train
-from autonerf_lab.training.settings import PolicySettings
 
-TINY = PolicySettings(
-    frames=180, demonstrations=0, environments=2, episode=2, rollout=2, epochs=1, batch=4, sensor=16, target_kl=None,
-    network={"kind": "compact", "follow": 12},
-)  # fmt: skip
 KILLED = """
 import json, os, signal, sys
 from autonerf_lab.training import session

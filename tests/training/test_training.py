@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from interrupted_training import TINY
 from safetensors.numpy import load_file
 from stable_baselines3.common.buffers import DictRolloutBuffer
 from toy_scene import to_scene, two_rooms
@@ -29,22 +30,10 @@ from autonerf_lab.policies.weights import load_weights, read_meta, save_weights
 from autonerf_lab.training import session, shortest_path_expert, train
 from autonerf_lab.training.augmentation import SymmetryAugmentation
 from autonerf_lab.training.ppo import TimedBuffer
-from autonerf_lab.training.settings import PolicySettings, settings_of
+from autonerf_lab.training.settings import settings_of
 from autonerf_lab.training.worker_pool import WorkerPool
 from autonerf_lab.types import Observation
 
-TINY = PolicySettings(
-    frames=180,
-    demonstrations=0,
-    environments=2,
-    episode=2,
-    rollout=2,
-    epochs=1,
-    batch=4,
-    sensor=16,
-    target_kl=None,
-    network={"kind": "compact", "follow": 12},
-)
 # Four updates, two in each episode; the scene is a toy, because every worker would bake the texture of a frozen one.
 RECURRENT = settings_of("e2e-cov", frames=80, environments=2, rollout=10, epochs=1, batch=8, sensor=16, episode=20)
 GOALS = settings_of(

@@ -70,11 +70,11 @@ class OccupancySampler:
         )  # fmt: skip
         samples = Samples(*np.empty((2, count, s.samples), np.float32))
         ray_marching.visible_bins(
-            marched.starts, marched.ends, self.density(rays, marched), jitter, samples.starts, samples.ends
+            marched.starts, marched.ends, self.field_density(rays, marched), jitter, samples.starts, samples.ends
         )
         return samples
 
-    def density(self, rays: Rays, samples: Samples) -> np.ndarray:
+    def field_density(self, rays: Rays, samples: Samples) -> np.ndarray:
         """Return the field's density (R, S) at the midpoints of bins, per metre."""
         points = rays.origins[:, None] + samples.midpoints[..., None] * rays.directions[:, None]
         return self.field.density(points.reshape(-1, 3)).reshape(samples.starts.shape)

@@ -32,6 +32,6 @@ class TorchOccupancySampler(OccupancySampler):
         found = density[tuple(cells.unbind(-1))]
         threshold = min(s.occupied, density.mean().item())
         starts, ends = rendering.occupied_bins(edges, found, threshold, s.reach, shift, s.marched)
-        marched = self.density(rays, Samples(starts.cpu().numpy(), ends.cpu().numpy()))
+        marched = self.field_density(rays, Samples(starts.cpu().numpy(), ends.cpu().numpy()))
         starts, ends = rendering.visible_bins(starts, ends, torch.from_numpy(marched).to(self.device), shift, s.samples)
         return Samples(starts.cpu().numpy(), ends.cpu().numpy())
