@@ -20,14 +20,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common.output import mean_of
+from common.output import mean_of, saved_result, slug
 from common.training import Trainer, fit_and_score, in_fresh_process, interleaved, pixels_of
 from common.views import read_views, write_views
 
 from autonerf_lab.errors import AutoNerfError
 from autonerf_lab.nerf.models import MODELS
 from autonerf_lab.nerf.settings import Settings
-from autonerf_lab.utils.storage import read_json, write_json
+from autonerf_lab.utils.storage import write_json
 
 BASE = MODELS["semantic-nerfacto"].settings["fast"]
 
@@ -107,12 +107,6 @@ def relative_step(folder: Path, row: Variation, quick: bool) -> float:
     return times["row"] / times["base"]
 
 
-def finished(path: Path, identity: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the stored cell if it has these settings, else None."""
-    cell = read_json(path, dict[str, Any]) if path.exists() else None
-    return cell if cell and cell["identity"] == json.loads(json.dumps(identity)) else None
-
-
 def run_scene(scene: str, rows: list[Variation], options: argparse.Namespace) -> dict[str, list[dict[str, Any]]]:
     """Return the cells of all rows on one scene by name, one per seed; the views are rendered if a cell is missing."""
     cells: dict[str, list[dict[str, Any]]] = {row.name: [] for row in rows}
@@ -122,7 +116,7 @@ def run_scene(scene: str, rows: list[Variation], options: argparse.Namespace) ->
             identity = {"scene": scene, "model": row.model, "seed": seed, "settings": asdict(row.settings)}
             identity |= {"views": options.views, "test_views": options.test_views}
             path = options.cells / scene / f"{slug(row.name)}-{seed}.json"
-            cell = finished(path, identity) or {}
+            cell = saved_result(path, identity) or {}
             untimed = (scene, seed) == (options.scenes[0], options.seeds[0]) and cell.get("relative_step") is None
             if (untimed or not cell) and not views.exists():
                 in_fresh_process(options.threads, write_views, scene, views, options.views, options.test_views)
@@ -146,12 +140,6 @@ def run_scene(scene: str, rows: list[Variation], options: argparse.Namespace) ->
     return cells
 
 
-def slug(name: str) -> str:
-    """Return a file name: ``"2^16 entries per level"`` becomes ``"2-16-entries-per-level"``."""
-    words = "".join(letter if letter.isalnum() or letter == "." else " " for letter in name).split()
-    return "-".join(words)
-
-
 def table(results: dict[str, list[dict[str, Any]]]) -> str:
     """Return the means over scenes as a Markdown table with one row per variation."""
     lines = ["| variation | " + " | ".join(heading for heading, _, _ in COLUMNS.values()) + " |"]
@@ -166,14 +154,18 @@ def table(results: dict[str, list[dict[str, Any]]]) -> str:
 
 
 def random_differences(base: list[dict[str, Any]], seeds: int) -> str:
-    """Describe how much trainings of the base differ that differ only in their seed; empty with one seed."""
-    if seeds < 2:
+    """Describe how much trainings of the base differ that differ only in their seed.
+
+    Scenes without a score of every seed do not count; the text is empty if none is left, or with one seed.
+    """
+    keys = list(COLUMNS)[:-1]
+    values = np.array([[cell[key] for key in keys] for cell in base], float)  # NaN for a missing score
+    values = values.reshape(-1, seeds, len(keys))  # scenes, seeds, scores
+    values = values[np.isfinite(values).all(axis=(1, 2))]
+    if seeds < 2 or not len(values):
         return ""
-    found = []
-    for key in list(COLUMNS)[:-1]:
-        values = np.reshape([cell[key] for cell in base], (-1, seeds))  # scenes, seeds
-        _, factor, decimals = COLUMNS[key]
-        found.append(f"{factor * np.ptp(values, axis=1).mean():.{decimals}f}")
+    ranges = dict(zip(keys, np.ptp(values, axis=1).mean(axis=0), strict=True))
+    found = [f"{COLUMNS[key][1] * spread:.{COLUMNS[key][2]}f}" for key, spread in ranges.items()]
     return "\nTrainings of the base with another seed differ by {} dB, {} (SSIM), {} points and {} cm.".format(*found)
 
 

@@ -39,7 +39,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-from common.output import write_csv
+from common.output import saved_result, write_csv
 from common.training import in_fresh_process, set_threads
 
 from autonerf_lab.benchmark.statistics import Interval, Runs, difference, interval
@@ -53,7 +53,7 @@ from autonerf_lab.presets import preset
 from autonerf_lab.scenes import load_scene, scene_names
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import MapState
-from autonerf_lab.utils.storage import read_json, write_json
+from autonerf_lab.utils.storage import write_json
 
 UNTRAINED = "untrained "
 TRAINED_FOR = {"cov": "area", "obs": "obstacles", "sem": "semantics", "view": "viewpoints"}
@@ -122,7 +122,7 @@ def run_one(policy: str, scene: str, start: int, steps: int, cells: str) -> dict
     """Run one episode and compute its curves at every fifth step, or read the saved result."""
     path = Path(cells) / policy.replace(" ", "-").replace("/", "-") / f"{scene}-{start}-{steps}.json"
     fingerprint = {"policy": policy, "scene": scene, "start": start, "steps": steps, "weights": hash_of(policy)}
-    if path.exists() and (saved := read_json(path, dict[str, Any]))["identity"] == fingerprint:
+    if saved := saved_result(path, fingerprint):
         return saved
     sim, visible = scene_with_visible_map(scene, cells)
     trajectory = explore(sim, make(policy), steps, start, progress=False)

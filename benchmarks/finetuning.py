@@ -17,15 +17,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from common.output import mean_of
+from common.output import mean_of, model_settings, saved_result
 
 from autonerf_lab.evaluators.context import EvaluationContext
 from autonerf_lab.evaluators.finetuning import PRETRAINED, evaluate_finetuning
 from autonerf_lab.evaluators.metrics import FINETUNING_STAGES
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit, load_nerf
-from autonerf_lab.nerf.checkpoint import settings_to_json
-from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.policies import weights_sha256
 from autonerf_lab.presets import preset
 from autonerf_lab.scenes import load_scene
@@ -39,12 +37,12 @@ TUNED = [stage for stage in FINETUNING_STAGES if stage != "pretrained"]
 def measure(name: str, rate: float, options: argparse.Namespace) -> dict[str, Any]:
     """Return success, SPL and hours of the policies in a scene; saved results if there are any."""
     field: dict[str, Any] = {"policy": options.policy, "weights": weights_sha256(options.policy)}
-    field |= {"preset": options.preset, "settings": settings_to_json(model_spec(MODEL).settings_for(options.preset))}
+    field |= {"preset": options.preset, "settings": model_settings(MODEL, options.preset)}
     identity = {"scene": name, "rate": rate, "frames": options.frames, "episodes": options.episodes, "field": field}
     identity["pretrained"] = weights_sha256(str(PRETRAINED))
     folder = options.out / name
     path = folder / f"{rate:g}.json"
-    if path.exists() and (found := read_json(path, dict[str, Any]))["identity"] == identity:
+    if found := saved_result(path, identity):
         return found
     scene, sizes = load_scene(name), preset(options.preset)
     made = folder / "field.json"

@@ -1,7 +1,8 @@
 """Fields of the three models: quality over training time, and the surfaces at the end.
 
 Trains each of ``--models`` on a trajectory of ``--policy``, with images of the preset ``fast`` and the settings of
-``--preset``. Held-out views are rendered after 100, 200, 500, 1000, … steps, and the clock stands still meanwhile; the
+``--preset``. Held-out views are rendered and scored after 100, 200, 500, 1000, … steps. This time is not counted in the
+figure and the CSV, but it is counted by ``--seconds``: such a training ends earlier on the axis of the figure. The
 trained field is scored in the tasks rendering, maps and mesh. The settings of ``paper`` are made for a GPU. An
 interrupted training continues from its checkpoint.
 
@@ -9,8 +10,8 @@ interrupted training continues from its checkpoint.
     python benchmarks/long_trainings.py --preset paper --device cuda --seconds 1200  # in the same figures
     python benchmarks/long_trainings.py --quick
 
-Prints a table of all trainings in ``--out`` and, as the last line, one JSON object; ``--out`` also gets a CSV with all
-measured moments, a figure of them, and one of the surfaces.
+Prints a table of all trainings in ``--out`` with the same scene, policy and number of views, and, as the last line, one
+JSON object; ``--out`` also gets a CSV with all measured moments, a figure of them, and one of the surfaces.
 """
 
 import argparse
@@ -23,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from common.output import write_csv
+from common.output import model_settings, saved_result, slug, write_csv
 from common.training import in_training
 from common.views import TEST_SEED, photographs, scene_by_name
 from PIL import Image
@@ -34,9 +35,8 @@ from autonerf_lab.evaluators import evaluate
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit
-from autonerf_lab.nerf.checkpoint import settings_to_json
 from autonerf_lab.nerf.model import Model
-from autonerf_lab.nerf.models import MODELS, model_spec
+from autonerf_lab.nerf.models import MODELS
 from autonerf_lab.policies import weights_sha256
 from autonerf_lab.presets import PRESETS
 from autonerf_lab.simulator import Simulator
@@ -75,18 +75,21 @@ class Record:
             self._started += time.perf_counter() - arrived
 
 
+def shared_identity(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the part of the identity that all trainings of a table share."""
+    identity = {"scene": options.scene, "policy": options.policy, "weights": weights_sha256(options.policy)}
+    return identity | {"sizes": "smoke" if options.quick else "fast", "views": options.views}
+
+
 def train(model: str, options: argparse.Namespace) -> None:
     """Train a model and save its scores and a picture of its surface, if they are not there."""
-    folder = options.out / f"{model}-{options.preset}"
-    scene, sizes = scene_by_name(options.scene), PRESETS["smoke" if options.quick else "fast"]
-    spec = model_spec(model)
-    settings = spec.settings_for(options.preset)
-    identity = {"scene": options.scene, "policy": options.policy, "weights": weights_sha256(options.policy)}
-    identity |= {"sizes": sizes.name, "settings": settings_to_json(settings), "device": options.device}
-    identity |= {"seconds": options.seconds}
+    identity = shared_identity(options) | {"settings": model_settings(model, options.preset)}
+    identity |= {"device": options.device, "seconds": options.seconds}
+    folder = options.out / slug(f"{options.scene} {options.policy} {model} {options.preset} {options.device or ''}")
     path = folder / "result.json"
-    if path.exists() and read_json(path, dict[str, Any])["identity"] == identity:
+    if saved_result(path, identity):
         return
+    scene, sizes = scene_by_name(options.scene), PRESETS[identity["sizes"]]
     sim = Simulator.from_preset(scene, sizes)
     trajectory = explore(sim, options.policy, steps=sizes.episode_steps, seed=0, progress=False)
     test_views = Dataset.from_trajectory(photographs(sim, options.views, TEST_SEED))
@@ -107,6 +110,16 @@ def train(model: str, options: argparse.Namespace) -> None:
     write_json(path, result)
     shutil.rmtree(folder / "training", ignore_errors=True)  # the checkpoint
     print(f"{result['label']}: {result['steps']} steps", flush=True)
+
+
+def comparable(out: Path, shared: dict[str, Any]) -> dict[Path, dict[str, Any]]:
+    """Return the results in a folder whose identity has these values, by their folders."""
+    results = {path.parent: read_json(path, dict[str, Any]) for path in sorted(out.glob("*/result.json"))}
+    return {  # the first results did not store the number of views
+        folder: result
+        for folder, result in results.items()
+        if all(result["identity"].get(key, value) == value for key, value in shared.items())
+    }
 
 
 def draw(found: dict[Path, dict[str, Any]], out: Path) -> None:
@@ -151,7 +164,7 @@ def main() -> None:
     parser.add_argument("--scene", default="dev-0")
     parser.add_argument("--policy", default="modular-obs")
     parser.add_argument("--device", help="Torch device; default: compiled kernels on the CPU.")
-    parser.add_argument("--seconds", type=float, help="Duration of a training instead of its number of steps.")
+    parser.add_argument("--seconds", type=float, help="Duration instead of steps; counts the rendering.")
     parser.add_argument("--views", type=int, default=60, help="Number of held-out views at each moment.")
     parser.add_argument("--out", type=Path, default=Path("runs/long"), help="Folder of results and checkpoints.")
     parser.add_argument("--quick", action="store_true", help="The preset smoke.")
@@ -161,10 +174,10 @@ def main() -> None:
     torch.set_float32_matmul_precision("high")  # matrix products of a GPU in TF32
     for model in options.models:
         train(model, options)
-    folders = {path.parent: read_json(path, dict[str, Any]) for path in sorted(options.out.glob("*/result.json"))}
+    folders = comparable(options.out, shared_identity(options))
     draw(folders, options.out)
     found = [*folders.values()]
-    write_csv(options.out / "long_trainings.csv", [{"field": f["label"], **row} for f in found for row in f["rows"]])
+    write_csv(options.out / "long_trainings.csv", [{"field": _described(f), **row} for f in found for row in f["rows"]])
     print(f"\n| {options.scene}, {options.policy} | " + " | ".join(map(_described, found)) + " |")
     print("|---" * (len(found) + 1) + "|")
     print("| steps | " + " | ".join(str(result["steps"]) for result in found) + " |")
@@ -172,7 +185,7 @@ def main() -> None:
         values = [result["scores"][metric.full_heading] for result in found]
         cells = ["–" if value is None else metric.format(value) for value in values]
         print(f"| {metric.full_heading} | " + " | ".join(cells) + " |")
-    print(json.dumps({result["label"]: {"steps": result["steps"], **result["scores"]} for result in found}))
+    print(json.dumps({_described(result): {"steps": result["steps"], **result["scores"]} for result in found}))
 
 
 if __name__ == "__main__":

@@ -79,7 +79,8 @@ def measure_step(folder: Path, settings: ProposalSettings, rounds: int, warm_up:
         products.append(1000 * (time.perf_counter() - started))
 
     steps = {"kernels": kernels.step, "all": all_samples.step, "torch": reference.step, "multiply": multiply}
-    repeats = {"kernels": 10, "all": 5, "torch": 1, "multiply": 4}
+    every = settings.proposal_every  # steps between two updates of the proposals: each turn has as many
+    repeats = {"kernels": 5 * every, "all": 2 * every, "torch": every, "multiply": 4}
     times = interleaved({name: (step, repeats[name]) for name, step in steps.items()}, rounds)
     rate = 2 * SIDE**3 / min(products)  # operations per millisecond
     return {

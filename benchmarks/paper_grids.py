@@ -57,6 +57,7 @@ def main() -> None:
     parser.add_argument("--grids", nargs="+", default=[*GRIDS], choices=GRIDS, help="Names of grids.")
     parser.add_argument("--scenes", nargs="+", help="Scenes of all grids, instead of their own.")
     parser.add_argument("--workers", type=int, default=2, help="Cells at a time.")
+    parser.add_argument("--retry", nargs="+", default=[], help="Statuses of cells to run again, such as failed.")
     parser.add_argument("--out", type=Path, default=Path("runs/paper"), help="Folder of the results folders.")
     parser.add_argument("--quick", action="store_true", help="Two policies in one scene, as a check of the script.")
     options = parser.parse_args()
@@ -68,7 +69,7 @@ def main() -> None:
         grids, options.out = {"quick": small}, Path(tempfile.mkdtemp())
     finished = {}
     for name, grid in grids.items():
-        results = run_grid(grid, options.out / name, options.workers)
+        results = run_grid(grid, options.out / name, options.workers, retry=options.retry)
         finished[name] = sum(outcome.finished for outcome in results.outcomes())
         print(f"{name}: {finished[name]} of {len(results.grid.cells())} cells", flush=True)
     print(json.dumps(finished))

@@ -22,9 +22,8 @@ import json
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Any
 
-from common.output import mean_of, write_csv
+from common.output import mean_of, model_settings, saved_result, write_csv
 from common.views import TRAIN_SEED, photographs, scene_by_name
 
 from autonerf_lab.benchmark.paper import MAPS, MESH, PLANNING, POSE, RENDERING
@@ -32,14 +31,13 @@ from autonerf_lab.evaluators import evaluate, oracle_scores
 from autonerf_lab.evaluators.metrics import Metric
 from autonerf_lab.exploration import explore
 from autonerf_lab.nerf import fit
-from autonerf_lab.nerf.checkpoint import settings_to_json
-from autonerf_lab.nerf.models import MODELS, model_spec
+from autonerf_lab.nerf.models import MODELS
 from autonerf_lab.policies import weights_sha256
 from autonerf_lab.presets import preset
 from autonerf_lab.scenes import scene_names
 from autonerf_lab.scenes.library import SPLITS
 from autonerf_lab.simulator import Simulator
-from autonerf_lab.utils import storage
+from autonerf_lab.utils.storage import write_json
 
 COLOR, DEPTH = "semantic-nerfacto", "semantic-nerfacto-rgbd"
 COLUMNS = ("trajectory", "uniform views", "true geometry")
@@ -66,14 +64,14 @@ def measure(name: str, column: str, model: str, options: argparse.Namespace) -> 
     """Score a field, or the true geometry, in a scene; return saved scores if there are any."""
     identity = {"scene": name, "column": column, "preset": options.preset}
     if column != "true geometry":
-        identity |= {"model": model, "settings": settings_to_json(model_spec(model).settings_for(options.preset))}
+        identity |= {"model": model, "settings": model_settings(model, options.preset)}
     if column == "trajectory":
         identity |= {"policy": options.policy, "weights": weights_sha256(options.policy)}
     if column == "uniform views":
         identity["views"] = options.views
     label = f"{name}-{column.split(maxsplit=1)[0]}" + (f"-{model}" if "model" in identity else "")
     path = options.out / f"{label}.json"
-    if path.exists() and (found := storage.read_json(path, dict[str, Any]))["identity"] == identity:
+    if found := saved_result(path, identity):
         return found["scores"]
     scene, sizes = scene_by_name(name), preset(options.preset)
     if column == "true geometry":
@@ -89,7 +87,7 @@ def measure(name: str, column: str, model: str, options: argparse.Namespace) -> 
     if failed := sorted({row.status for row in scores if row.status.startswith("failed")}):
         raise SystemExit(f"{label}: {'; '.join(failed)}; run the same command again to continue")
     values = {metric.full_heading: scores[metric.key] for metric in METRICS}
-    storage.write_json(path, {"identity": identity, "scores": values})
+    write_json(path, {"identity": identity, "scores": values})
     shutil.rmtree(options.out / label, ignore_errors=True)  # the checkpoint
     print(f"{label}: PSNR {values[METRICS[0].full_heading]:.2f} dB", flush=True)
     return values

@@ -26,6 +26,7 @@ FIGURES = {
     "trajectory": ("explore", "from_above"),
     "rendering": ("evaluate", "comparison"),
     "maps": ("evaluate", "overlay"),
+    "paths": ("evaluate", "paths"),
     "drift": ("explore", "drift"),  # only with noise
 }
 FIGURE_WIDTH = 900  # pixels
@@ -110,7 +111,7 @@ def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str 
     scores = _scores(cell, run / "scores.json", exploration)
     baselines = {file.stem: _scores(cell, file) for file in sorted((run / "baselines").glob("*.json"))}
     curves = storage.read_json(folder / "curves.json", dict[str, list[float]])
-    return Outcome(cell, OK, scores, stages, curves, baselines)
+    return Outcome(cell, OK, scores, stages, curves, baselines, Scores.load(run / "scores.json").details)
 
 
 def _scores(cell: Cell, *files: Path) -> tuple[Score, ...]:

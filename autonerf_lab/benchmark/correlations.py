@@ -10,16 +10,16 @@ from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 REWARDS = ("cov", "sem", "obs", "view")
 POLICIES = tuple(f"modular-{reward}" for reward in REWARDS)  # their trajectories are the points
 LEVEL = 0.05
-MIN_POINTS = 3
+MIN_POINTS = 5  # fewer are significant only if they lie on a line
 
 
 def pearson(x: list[float], y: list[float]) -> tuple[float, float] | None:
-    """Return Pearson's r and its p-value; None for fewer than three points or constant values.
+    """Return Pearson's r and its p-value; None for fewer than five points or constant values.
 
     Example:
-        >>> pearson([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])[0]
+        >>> pearson([1.0, 2.0, 3.0, 4.0, 5.0], [1.0, 2.0, 3.0, 4.0, 5.0])[0]
         1.0
-        >>> pearson([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]) is None
+        >>> pearson([1.0] * 5, [1.0, 2.0, 3.0, 4.0, 5.0]) is None
         True
     """
     if len(x) < MIN_POINTS or np.ptp(x) == 0 or np.ptp(y) == 0:

@@ -38,7 +38,7 @@ def export_results(found: ResultsTable, out: Path) -> list[Path]:
 
 def table_files(found: ResultsTable) -> dict[str, bytes]:
     """Return the contents of ``tables.md``, ``tables.tex`` and ``tables.html`` by name."""
-    tables = all_tables(found)
+    tables = [table for table in all_tables(found) if table.filled]
     markdown = [escaped(summary(found)), *(table.markdown() for table in tables)]
     return {
         "tables.md": ("\n\n".join(markdown) + "\n").encode(),
@@ -54,8 +54,14 @@ def headline(found: ResultsTable) -> str:
 
 
 def summary(found: ResultsTable) -> str:
-    """Return the headline, and one line per cell that was run and has no scores."""
-    return "\n".join([headline(found), *(f"- {o.cell.name}: {o.status}" for o in found.unfinished)])
+    """Return the headline, one line per cell that was run and has no scores, and one per table without values."""
+    cells = [f"- {outcome.cell.name}: {outcome.status}" for outcome in found.unfinished]
+    return "\n".join([headline(found), *cells, *(f"- {text}" for text in left_out(found))])
+
+
+def left_out(found: ResultsTable) -> list[str]:
+    """Return the names of the tables without values, each with the reason."""
+    return [f"No table {table.name}: {table.note}" for table in all_tables(found) if not table.filled]
 
 
 def _parquet(rows: pd.DataFrame) -> bytes:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from autonerf_lab.benchmark import paper
-from autonerf_lab.benchmark.paper_tables import spread
+from autonerf_lab.benchmark.paper_tables import BOUNDS, spread
 from autonerf_lab.benchmark.results_table import ResultsTable, Row
 from autonerf_lab.benchmark.statistics import interval
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
@@ -16,6 +16,8 @@ from autonerf_lab.errors import RunFolderError
 def leaderboard(tables: Mapping[str, ResultsTable]) -> Table:
     """Return the leaderboard: one row per policy and model, by mean rank over the headline scores.
 
+    Policies that know the scene (``oracle-*``) have no rank.
+
     Args:
         tables: results by name; the name is shown if there are several.
 
@@ -24,7 +26,12 @@ def leaderboard(tables: Mapping[str, ResultsTable]) -> Table:
     """
     if len(presets := {found.preset for found in tables.values()}) > 1:
         raise RunFolderError(f"results of several presets ({', '.join(sorted(presets))}) have no common leaderboard")
-    rows = [(name, row) for name, found in tables.items() for row in found.rows if found.values[row]]
+    rows = [
+        (name, row)
+        for name, found in tables.items()
+        for row in found.rows
+        if found.values[row] and not row[0].startswith(BOUNDS)
+    ]
     common = set.intersection(*({*tables[name].values[row]} for name, row in rows)) if rows else set()
     if not common:
         raise RunFolderError("the results have no scene and start in common; run the missing ones, or leave a row out")

@@ -18,9 +18,11 @@ from autonerf_lab.evaluators.metrics import BASELINES, Key, Metric, metrics_of
 SIGNIFICANT = 0.05  # p-value
 SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed in the table
 OURS = "modular-obs"  # policy of the paper in experiments that do not compare policies
-_CORRECTED = "bold: p < 5 % after Holm's correction over the differences of the table"
+_CORRECTED = "bold: p < 5 % after Holm's correction over the differences {family}"
 REFERENCES = ("frontier-classic", "frontier", "random")
-_BOUNDS = "oracle-"  # policies that know the scene: not compared with the others
+BOUNDS = "oracle-"  # policies that know the scene: not compared with the others
+POSE_SOURCES = ("true", "odometry", "estimated", "refined")
+_IMITATION = "-imitation"  # ends the name of the policy that another one started from
 
 
 def table(name: str, found: ResultsTable) -> Table:
@@ -41,17 +43,49 @@ def all_tables(found: ResultsTable) -> list[Table]:
 
 @dataclass(frozen=True)
 class _Policies:
-    """Table with one row per policy (and model, if there are several)."""
+    """Table with one row per policy and model, without noise and with true classes.
+
+    Rows of the first model have no name of a model; the best row is one of them. ``pairs`` are scores whose difference
+    within a cell is a further column. ``oracle`` adds the scores of the true geometry, an upper bound, if a grid has
+    this baseline.
+    """
 
     name: str
     title: str
     metrics: tuple[Metric, ...]
     hint: str = ""
+    pairs: tuple[tuple[Metric, Metric], ...] = ()
+    oracle: bool = False
 
     def __call__(self, found: ResultsTable) -> Table:
-        several = len({model for _, model in found.rows}) > 1
-        rows = [(row, f"{row[0]}, {row[1]}" if several else row[0]) for row in found.rows]
-        return _means(found, self.name, self.title, self.metrics, rows, paper_values, self.hint)
+        plain = _plain_rows(found)
+        rows = [(row, row[0] if row[1] == plain[0][1] else f"{row[0]}, {row[1]}") for row in plain]
+        first = [row for row in plain if row[1] == plain[0][1] and not row[0].startswith(BOUNDS)]
+        made = _means(found, self.name, self.title, self.metrics, rows, paper_values, self.hint, first)
+        if self.oracle and (line := self._oracle(found, made)):
+            made = replace(made, rows=(*made.rows, line))
+        if self.pairs and made.filled:
+            made = self._with_differences(found, made, [row for row, _ in rows])
+        return made
+
+    def _oracle(self, found: ResultsTable, made: Table) -> tuple[Entry, ...]:
+        """Return the line of the true geometry; empty if no cell has it."""
+        measured = found.of_baseline("oracle") if "oracle" in found.baselines else found
+        row = next((row for row in found.baselines.get("oracle", {})), None)
+        if row is None:
+            return ()
+        texts = {metric.heading: _text(measured, row, metric) for metric in self.metrics}
+        return Entry("true geometry (oracle)"), *(Entry(texts.get(title, NO_VALUE)) for title in made.header[1:])
+
+    def _with_differences(self, found: ResultsTable, made: Table, rows: Sequence[Row]) -> Table:
+        columns = [[found.score_difference(row, a.key, b.key) for row in rows] for a, b in self.pairs]
+        lines = [
+            (*line, *(difference_entry(column[k], a) for column, (a, _) in zip(columns, self.pairs, strict=True)))
+            for k, line in enumerate(made.rows)
+        ]
+        header = (*made.header, *(f"{a.label} − {b.label}" for a, b in self.pairs))
+        note = f"{made.note} Bold differences: the 95 % interval excludes zero.".strip()
+        return replace(made, header=header, rows=tuple(lines), note=note)
 
 
 def paper_values(row: Row) -> dict[Key, float]:
@@ -67,6 +101,7 @@ def _means(
     rows: Sequence[tuple[Row, str]],
     paper_values: Callable[[Row], dict[Key, float]],
     hint: str = "",
+    compared: Sequence[Row] | None = None,  # rows of which one may be the best; None: all
 ) -> Table:
     absent = {metric: status for metric in metrics if (status := _status_everywhere(found, metric)) is not None}
     metrics = [metric for metric in metrics if metric not in absent]
@@ -74,7 +109,7 @@ def _means(
     header = [""]
     for metric in metrics:
         header += [metric.heading, "paper"] if metric in published else [metric.heading]
-    compared = [row for row, _ in rows if not row[0].startswith(_BOUNDS)]
+    compared = [row for row, _ in rows if not row[0].startswith(BOUNDS)] if compared is None else compared
     best = {metric: found.best(metric, compared) for metric in metrics}
     lines = []
     for row, text in rows:
@@ -117,16 +152,17 @@ def _text(found: ResultsTable, row: Row, metric: Metric) -> str:
 
 
 def _variants(found: ResultsTable) -> Table:
-    policies = [policy for policy, _ in found.rows]
-    policy = OURS if OURS in policies else policies[0]
-    same = [row for row in found.rows if row[0] == policy]
-    first, *others = [row for row in same if row not in found.noisy] or same[:1]
+    plain = _plain_rows(found)
+    policy = OURS if any(row[0] == OURS for row in plain) else plain[0][0]
+    first, *others = [row for row in plain if row[0] == policy]
     rows = [(row, f"{row[1]}, {policy}") for row in (first, *others)]
-    title = f"NeRF models on the same trajectories; differences are paired by scene and start, {_CORRECTED}"
-    made = _means(found, "variants", title, paper.RENDERING, rows, lambda row: paper.BY_MODEL.get(row[1], {}))
+    corrected = _CORRECTED.format(family="of the table")
+    title = f"NeRF models on the same trajectories; differences are paired by scene and start, {corrected}"
+    metrics = (*paper.RENDERING, *(metric for metric in paper.HEADLINES if metric not in paper.RENDERING))
+    made = _means(found, "variants", title, metrics, rows, lambda row: paper.BY_MODEL.get(row[1], {}))
     if not others:
-        return made if made.note else replace(made, note="One model only; add others with --models.")
-    shown = [metric for metric in paper.RENDERING if metric.heading in made.header]
+        return Table("variants", title, made.header, (), "One model only; add others with --models.")
+    shown = [metric for metric in metrics if metric.heading in made.header]
     pairs = [(row, first, f"{row[1]} − {first[1]}, {policy}") for row in others]
     lines = []
     for text, *differences in _difference_lines(found, pairs, shown):
@@ -137,26 +173,32 @@ def _variants(found: ResultsTable) -> Table:
 
 
 def _differences(found: ResultsTable) -> Table:
-    several = len({model for _, model in found.rows}) > 1
-    rows = [row for row in found.rows if row[0] != "random" and not row[0].startswith(_BOUNDS)]
-    pairs = [
-        (row, (reference, row[1]))
-        for reference in (*REFERENCES, *dict.fromkeys(policy for policy, _ in found.rows if policy.startswith("e2e-")))
-        for row in rows
-        if row[0] != reference and (reference in REFERENCES or row[0].startswith("modular-"))
+    plain = _plain_rows(found)
+    several = len({model for _, model in plain}) > 1
+    rows = [row for row in plain if row[0] != "random" and not row[0].startswith(BOUNDS)]
+    trained = [row for row in rows if not row[0].endswith(_IMITATION)]
+    references = (*REFERENCES, *dict.fromkeys(policy for policy, _ in plain if policy.startswith("e2e-")))
+    families = [
+        [
+            (row, (reference, row[1]))
+            for row in trained
+            if row[0] != reference and (reference in REFERENCES or row[0].startswith("modular-"))
+        ]
+        for reference in references
     ]
-    pairs += [(row, (f"{row[0]}-imitation", row[1])) for row in rows]  # what PPO adds to the demonstrations
-    # Of a difference with both signs, the first one: Holm's correction must count it once.
-    pairs = [
-        (row, other)
-        for k, (row, other) in enumerate(pairs)
-        if other in found.episodes and (other, row) not in pairs[:k]
-    ]
-    texts = [(row, other, f"{row[0]} − {other[0]}" + several * f", {row[1]}") for row, other in pairs]
-    lines = _difference_lines(found, texts, paper.HEADLINES)
-    note = power(found, pairs) if lines else "No frontier, random or end-to-end policy to compare with."
+    families.append([(row, (f"{row[0]}{_IMITATION}", row[1])) for row in rows])  # what PPO adds to the demonstrations
+    done: set[tuple[Row, Row]] = set()
+    lines = []
+    for family in families:
+        # Of a difference with both signs, the first one: Holm's correction must count it once.
+        pairs = [(row, other) for row, other in family if other in found.episodes and (other, row) not in done]
+        done.update(pairs)
+        texts = [(row, other, f"{row[0]} − {other[0]}" + several * f", {row[1]}") for row, other in pairs]
+        lines += _difference_lines(found, texts, paper.HEADLINES)
+    note = power(found, [*done]) if lines else "No frontier, random or end-to-end policy to compare with."
     header = ("", *(metric.heading for metric in paper.HEADLINES))
-    title = f"Differences paired by scene and start; d: effect size; {_CORRECTED}"
+    corrected = _CORRECTED.format(family="from the same policy, or from all imitations")
+    title = f"Differences paired by scene and start; d: effect size; {corrected}"
     return Table("differences", title, header, tuple(lines), note)
 
 
@@ -185,16 +227,21 @@ def _difference_lines(
     found: ResultsTable, pairs: Iterable[tuple[Row, Row, str]], metrics: Sequence[Metric]
 ) -> list[tuple[Entry, ...]]:
     """Return one line per pair, first minus second row, with effect sizes; all differences are one family for Holm."""
-    made = [(text, [found.difference(row, other, metric.key) for metric in metrics]) for row, other, text in pairs]
-    adjusted = iter(holm([nan if d is None else d.p_value for _, line in made for d in line]))
-    lines = []
-    for text, line in made:
-        entries = [Entry(text)]
-        for d, metric, p in zip(line, metrics, adjusted, strict=False):
-            effect = f", d {d.effect_size:.1f}" if d is not None and np.isfinite(d.effect_size) else ""
-            entries.append(Entry(difference_entry(d, metric).text + effect, bold=p < SIGNIFICANT))
-        lines.append(tuple(entries))
-    return lines
+    pairs = list(pairs)
+    made = [(found.difference(row, other, metric.key), metric) for row, other, _ in pairs for metric in metrics]
+    entries = _corrected_entries(made)
+    size = len(metrics)
+    return [(Entry(text), *entries[k * size : (k + 1) * size]) for k, (_, _, text) in enumerate(pairs)]
+
+
+def _corrected_entries(family: Sequence[tuple[Interval | None, Metric]]) -> list[Entry]:
+    """Format differences with effect sizes; bold after Holm's correction over all of them."""
+    adjusted = holm([nan if d is None else d.p_value for d, _ in family])
+    entries = []
+    for (d, metric), p in zip(family, adjusted, strict=True):
+        effect = f", d {d.effect_size:.1f}" if d is not None and np.isfinite(d.effect_size) else ""
+        entries.append(Entry(difference_entry(d, metric).text + effect, bold=p < SIGNIFICANT))
+    return entries
 
 
 def difference_entry(found: Interval | None, metric: Metric) -> Entry:
@@ -206,8 +253,8 @@ def difference_entry(found: Interval | None, metric: Metric) -> Entry:
 
 
 def _plain_rows(found: ResultsTable) -> list[Row]:
-    """Return the rows without noise and with true classes."""
-    return [row for row in found.rows if row not in found.noisy | found.predicted]
+    """Return the rows without noise and with true classes; all rows if there are none."""
+    return [row for row in found.rows if row not in found.noisy | found.predicted] or found.rows
 
 
 def _ours(rows: Sequence[Row]) -> Row | None:
@@ -215,34 +262,43 @@ def _ours(rows: Sequence[Row]) -> Row | None:
     return next((row for row in rows if row[0] == OURS), next(iter(rows), None))
 
 
+@dataclass(frozen=True)
+class _Condition:
+    """Column of a table of conditions."""
+
+    heading: str
+    row: Row | None  # None: not measured
+    published: dict[Key, float] | None = None  # values of the paper; None: the paper has not measured it
+
+
 def _conditions(
-    found: ResultsTable,
-    name: str,
-    title: str,
-    metrics: Sequence[Metric],
-    changed: dict[Key, float],
-    conditions: tuple[str, str],
-    note: str,
-    other: Row | None = None,
+    found: ResultsTable, name: str, title: str, metrics: Sequence[Metric], columns: Sequence[_Condition], note: str
 ) -> Table:
-    """Return a table with one row per metric, and two conditions side by side; ``other``: row of the second."""
-    plain_rows = _plain_rows(found)
-    row = _ours(plain_rows)
+    """Return a table with one line per score: the values of each condition, and their differences from the first."""
+    first, *others = columns
+    metrics = [metric for metric in metrics if _status_everywhere(found, metric) is None]
+    compared = [column for column in others if first.row is not None and column.row is not None]
+    pairs = [(metric, column.row) for metric in metrics for column in compared]
+    assert first.row is not None or not pairs
+    made = [(found.difference(row, first.row, metric.key), metric) for metric, row in pairs if row and first.row]
+    differences = iter(_corrected_entries(made))
     lines = []
     for metric in metrics:
-        plain = paper.BY_POLICY[OURS].get(metric.key)
-        lines.append(
-            (
-                Entry(metric.full_heading),
-                Entry(NO_VALUE if row is None else _text(found, row, metric)),
-                Entry(NO_VALUE if plain is None else metric.format(plain)),
-                Entry(NO_VALUE if other is None else _text(found, other, metric)),
-                Entry(metric.format(changed[metric.key]) if metric.key in changed else NO_VALUE),
-            )
-        )
-    shown = row or other
-    header = (shown[0] if shown else OURS, conditions[0], "paper", conditions[1], "paper")
-    return Table(name, title, header, tuple(lines), note)
+        line = [Entry(metric.full_heading)]
+        for column in columns:
+            line.append(Entry(NO_VALUE if column.row is None else _text(found, column.row, metric)))
+            if column.published is not None:
+                value = column.published.get(metric.key)
+                line.append(Entry(NO_VALUE if value is None else metric.format(value)))
+        lines.append((*line, *(next(differences) for _ in compared)))
+    shown = next((column.row[0] for column in columns if column.row), OURS)
+    header = [shown]
+    for column in columns:
+        header += [column.heading] if column.published is None else [column.heading, "paper"]
+    header += [f"{column.heading} − {first.heading}" for column in compared]
+    if made:
+        note += f" Differences are paired by scene and start; {_CORRECTED.format(family='of the table')}."
+    return Table(name, title, tuple(header), tuple(lines), note)
 
 
 def _baselines(found: ResultsTable) -> Table:
@@ -255,43 +311,61 @@ def _baselines(found: ResultsTable) -> Table:
         if _status_everywhere(found, metric) is not None:  # LPIPS without its weights
             continue
         published = paper.BY_POLICY[OURS].get(metric.key)
-        texts = [_text(table, row, metric) for table in columns.values()]
+        texts = [_text(table, row, metric) for table in columns.values()] if len(columns) > 1 else []
         texts.append(NO_VALUE if published is None else metric.format(published))
         lines.append((Entry(metric.full_heading), *map(Entry, texts)))
     names = [f"{name.replace('_', ' ')}: {text}" for name, text in BASELINES.items() if name in columns]
     note = "; ".join(names) or "Baselines: not measured yet; add them with --baselines"
-    header = (f"{row[0]}, {row[1]}", *(name.replace("_", " ") for name in columns), "paper")
+    shown = [name.replace("_", " ") for name in columns] if len(columns) > 1 else []
+    header = (f"{row[0]}, {row[1]}", *shown, "paper")
     return Table("baselines", "Other definitions and baselines in the same cells", header, tuple(lines), f"{note}.")
 
 
 def _semantics(found: ResultsTable) -> Table:
-    title = "Semantics of the simulator and predicted semantics"
-    other = _ours([row for row in found.rows if row in found.predicted])
+    predicted = [row for row in found.rows if row in found.predicted]
+    other = _ours(predicted)
+    plain = _ours([row for row in found.rows if row not in found.noisy | found.predicted])
     note = "Predicted semantics: not measured; cells use the semantics of the simulator."
-    note = note if other is None else f"Predicted semantics: {other[0]}, {other[1]}."
-    conditions = ("simulator", "predicted")
-    return _conditions(found, "semantics", title, paper.PREDICTED_METRICS, paper.PREDICTED, conditions, note, other)
+    if other is not None:
+        note = (
+            f"Predicted semantics: {other[0]}, {other[1]}. The robot acts on them, too, so its trajectory may differ."
+        )
+    columns = (
+        _Condition("simulator", plain if other else None, paper.BY_POLICY[OURS]),
+        _Condition("predicted", other, paper.PREDICTED),
+    )
+    metrics = (*paper.PREDICTED_METRICS, *metrics_of("segmentation"))
+    title = "Semantics of the simulator and predicted semantics"
+    return _conditions(found, "semantics", title, metrics, columns, note)
 
 
 def _noise(found: ResultsTable) -> Table:
     noisy = [row for row in found.rows if row in found.noisy]
     noisy = [row for row in noisy if row[0] == OURS] or noisy
+    policy = noisy[0][0] if noisy else OURS
+    plain = next((row for row in _plain_rows(found) if row[0] == policy and row not in noisy), None)
+    by_source = {source: row for row in reversed(noisy) if (source := _pose_source(row)) in POSE_SOURCES}
+    columns = [_Condition("without noise", plain if noisy else None, paper.BY_POLICY[OURS])]
+    columns += [_Condition(f"{source} poses", by_source[source]) for source in POSE_SOURCES if source in by_source]
+    columns = columns if noisy else [*columns, _Condition("with noise", None)]
+    columns[-1] = replace(columns[-1], published=paper.NOISE)
     note = "With noise: not measured; cells run without noise."
-    other = next((row for source in ("refined", "estimated", "") for row in noisy if row[1].endswith(source)), None)
-    metrics = paper.NOISE_METRICS
-    if other is not None:
-        note = f"With noise: {other[0]}, {other[1]}. Fields are aligned with the scene before they are scored."
-        metrics = (*metrics, *metrics_of("trajectory"))
-    conditions = ("without", "with")
-    return _conditions(found, "noise", "Sensor and actuation noise", metrics, paper.NOISE, conditions, note, other)
+    if noisy:
+        note = "Columns with noise name the pose source. Fields are aligned with the scene before they are scored."
+    metrics = (*paper.NOISE_METRICS, *paper.MESH, *metrics_of("trajectory"))
+    return _conditions(found, "noise", "Sensor and actuation noise", metrics, columns, note)
+
+
+def _pose_source(row: Row) -> str:
+    return next((part[6:] for part in row[1].split(", ") if part.startswith("poses ")), "odometry")
 
 
 TABLES: dict[str, Callable[[ResultsTable], Table]] = {
     "rendering": _Policies("rendering", "Rendering from test poses in the whole apartment", paper.RENDERING),
-    "maps": _Policies("maps", "Maps: free space, obstacles, object classes", paper.MAPS),
-    "planning": _Policies("planning", "Planning on the maps of the field", paper.PLANNING),
-    "pose_refinement": _Policies("pose_refinement", "Pose refinement", paper.POSE),
-    "mesh": _Policies("mesh", "Mesh, compared with the whole scene and with its seen parts", paper.MESH),
+    "maps": _Policies("maps", "Maps: free space, obstacles, object classes", paper.MAPS, oracle=True),
+    "planning": _Policies("planning", "Planning on the maps of the field", paper.PLANNING, oracle=True),
+    "pose_refinement": _Policies("pose_refinement", "Pose refinement", paper.POSE, oracle=True),
+    "mesh": _Policies("mesh", "Mesh, compared with the whole scene and with its seen parts", paper.MESH, oracle=True),
     "exploration": _Policies("exploration", "Exploration: mean coverage over the steps", paper.EXPLORATION),
     "differences": _differences,
     "variants": _variants,
@@ -300,12 +374,14 @@ TABLES: dict[str, Callable[[ResultsTable], Table]] = {
         "Navigation in the mesh and in the true scene",
         paper.NAVIGATION,
         "Add it with --optional navigation.",
+        pairs=((paper.NAVIGATION[0], paper.NAVIGATION[2]), (paper.NAVIGATION[1], paper.NAVIGATION[3])),
     ),
     "finetuning": _Policies(
         "finetuning",
         "Fine-tuning a PointGoal policy in the mesh",
         paper.FINETUNING,
         "Add it with --optional finetuning.",
+        pairs=tuple((paper.FINETUNING[1], paper.FINETUNING[k]) for k in (0, 2)),
     ),
     "baselines": _baselines,
     "correlations": correlations,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from autonerf_lab import __version__
 from autonerf_lab.benchmark.card import card
 from autonerf_lab.benchmark.cell import FIGURES
-from autonerf_lab.benchmark.export import export_results, headline
+from autonerf_lab.benchmark.export import export_results, headline, left_out
 from autonerf_lab.benchmark.figures import cell_curves, coverage_curves, scores_over_policies
 from autonerf_lab.benchmark.leaderboard import leaderboard, title
 from autonerf_lab.benchmark.paper import HEADLINES, PSNR
@@ -21,7 +21,8 @@ from autonerf_lab.benchmark.results import Outcome, Results
 from autonerf_lab.benchmark.results_table import ResultsTable, load_results_table
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.data.images import data_url
-from autonerf_lab.errors import RunFolderError
+from autonerf_lab.errors import DataError, RunFolderError
+from autonerf_lab.evaluators import Scores
 from autonerf_lab.evaluators.tasks import metric_of
 from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
@@ -31,6 +32,7 @@ _CAPTIONS = {
     "trajectory": "Trajectory in top view",
     "rendering": "True and rendered views",
     "maps": "True and predicted maps",
+    "paths": "Planned paths",
     "drift": "Errors of the poses over the steps",
 }
 
@@ -84,7 +86,8 @@ def _index(found: ResultsTable, folders: Sequence[Results]) -> str:
         ],
         leaderboard=_leaderboard(found),
         cards=[(name, _card(name)) for name in (title("", row) for row in found.rows)],
-        tables=[table.html() for table in all_tables(found)],
+        tables=[table.html() for table in all_tables(found) if table.filled],
+        left_out=left_out(found),
         extremes=[("Best", [_shown(o, folders) for o in best]), ("Worst", [_shown(o, folders) for o in worst])],
         cells=_cells(found.outcomes),
         version=__version__,
@@ -108,9 +111,24 @@ def _cell(outcome: Outcome, folders: Sequence[Results]) -> str:
         figures.append(("Coverage over the episode", _png(cell_curves(outcome.curves))))
     rows = tuple(tuple(map(Entry, _score(row))) for row in outcome.scores)
     scores = Table("all-scores", "All scores", ("", "Score", "Paper, best", "Samples"), rows)
+    tables = [scores, *_details(outcome)]
     return _template("cell.html.jinja").render(
-        name=cell.name, facts=facts, figures=figures, scores=scores.html(), version=__version__
+        name=cell.name, facts=facts, figures=figures, tables=[table.html() for table in tables], version=__version__
     )
+
+
+def _details(outcome: Outcome) -> list[Table]:
+    """Return a table for each task that counts the outcomes of its episodes, or has other details."""
+    scores = Scores(outcome.scores)
+    scores.details.update(outcome.details)
+    try:
+        found = scores.details_tables()
+    except DataError as error:
+        raise DataError(f"{outcome.cell.name}: {error}; remove the file of this cell to run it again") from error
+    return [
+        Table(f"details-{task}", f"Details of {task}", header, tuple(tuple(map(Entry, row)) for row in rows))
+        for task, (header, *rows) in found.items()
+    ]
 
 
 def _score(row: Score) -> tuple[str, str, str, str]:

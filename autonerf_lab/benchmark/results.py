@@ -53,6 +53,7 @@ class Outcome:
     stages: dict[str, StageCost] | None = None  # of a finished cell
     curves: dict[str, list[float]] | None = None  # metric -> coverage after 2, 4, ... 100 % of the steps, %
     baselines: dict[str, tuple[Score, ...]] = field(default_factory=dict)  # by name, see :data:`.BASELINES`
+    details: dict[str, dict[str, Any]] = field(default_factory=dict)  # by task, see :class:`.Scores`
 
     def __post_init__(self) -> None:
         """Reduce the status to one line of printable characters of limited length."""
@@ -132,6 +133,7 @@ class Results:
             "curves": outcome.curves,
             "scores": [asdict(row) for row in outcome.scores],
             "baselines": {name: [asdict(row) for row in rows] for name, rows in outcome.baselines.items()},
+            "details": outcome.details,
         }
         storage.write_json(self.cell_file(outcome.cell), content)
 

@@ -60,8 +60,12 @@ class ResultsTable:
         return interval(found) if found else None
 
     def null_share(self, row: Row, key: Key) -> float:
-        """Return the share of the run cells without a value of a score; 0 if no cell computes the score."""
-        if not any(key in scores for cells in self.values.values() for scores in cells.values()):
+        """Return the share of the run cells of a row without a value of a score; 0 if none of them computes it.
+
+        If no cell of the row has finished, the cells of all rows decide whether they compute it.
+        """
+        cells = self.values[row].values() or [scores for cells in self.values.values() for scores in cells.values()]
+        if not any(key in scores for scores in cells):
             return 0.0
         with_value = sum(map(len, self.runs(row, key).values()))
         run = sum(1 for o in self.outcomes if _row(o) == row)
@@ -70,6 +74,11 @@ class ResultsTable:
     def difference(self, row: Row, other: Row, key: Key) -> Interval | None:
         """Return the paired difference of two rows, see :func:`paired_difference`."""
         return paired_difference(self, row, self, other, key)
+
+    def score_difference(self, row: Row, key: Key, other: Key) -> Interval | None:
+        """Return the difference of two scores of the same cells, the first minus the second."""
+        swapped = {episode: {key: scores.get(other)} for episode, scores in self.values[row].items()}
+        return paired_difference(self, row, replace(self, values={**self.values, row: swapped}), row, key)
 
     def best(self, metric: Metric, rows: Iterable[Row] | None = None) -> Row | None:
         """Return the row that is significantly better than every other row, or None.

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import stats
 
 LEVEL = 0.95  # of the intervals
+ROUNDING = 1e-9  # relative to the mean: a smaller standard deviation is a rounding error
 POWER = 0.8  # probability with which the smallest detectable difference is found
 Runs = Mapping[str, Sequence[float]]  # scene -> one value per start
 
@@ -43,9 +44,15 @@ class Interval:
 
     @property
     def effect_size(self) -> float:
-        """Mean in standard deviations of the scene means (Cohen's d of paired samples); nan for a single scene."""
+        """Mean in standard deviations of the scene means (Cohen's d of paired samples); nan for a single scene.
+
+        Infinite if the scenes agree but for rounding.
+        """
+        deviation = self.standard_error * np.sqrt(self.scenes)
+        if deviation < ROUNDING * abs(self.mean):
+            return float(np.copysign(np.inf, self.mean))
         with np.errstate(divide="ignore", invalid="ignore"):
-            return float(np.divide(self.mean, self.standard_error * np.sqrt(self.scenes)))
+            return float(np.divide(self.mean, deviation))
 
     @property
     def detectable(self) -> float:

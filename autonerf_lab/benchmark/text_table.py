@@ -30,6 +30,12 @@ class Table:
     rows: tuple[tuple[Entry, ...], ...]
     note: str = ""
 
+    @property
+    def filled(self) -> bool:
+        """True if there is a value that is not one of the paper."""
+        shown = [k for k, title in enumerate(self.header) if k and not title.startswith("paper")]
+        return any(row[k].text not in (NO_VALUE, "null") for row in self.rows for k in shown)
+
     def markdown(self) -> str:
         r"""Format as Markdown.
 

@@ -13,7 +13,7 @@ from autonerf_lab.evaluators.mesh import extract_mesh
 from autonerf_lab.evaluators.navigation import add_floor
 from autonerf_lab.evaluators.oracle import TrueField
 from autonerf_lab.evaluators.radiance_field import RadianceField
-from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_cells
+from autonerf_lab.evaluators.semantic_maps import class_votes, semantic_cells
 from autonerf_lab.presets import Preset
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class EvaluationContext:
     @cached_property
     def labels(self) -> np.ndarray:
         """(R, C) predicted class of each map cell, 0 for none."""
-        return semantic_cells(*point_cloud(self.field), self.truth.grid)
+        return semantic_cells(class_votes(self.field, self.truth.grid))
 
     @cached_property
     def surface(self) -> "trimesh.Trimesh":

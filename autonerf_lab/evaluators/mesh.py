@@ -21,8 +21,7 @@ from skimage.measure import marching_cubes
 from autonerf_lab.classes import colorize
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.maps import opacity
-from autonerf_lab.evaluators.radiance_field import RadianceField
-from autonerf_lab.evaluators.semantic_maps import point_cloud
+from autonerf_lab.evaluators.radiance_field import RadianceField, point_cloud
 from autonerf_lab.presets import preset as get_preset
 from autonerf_lab.utils import storage
 

@@ -1,5 +1,6 @@
 """Interface between radiance fields and evaluators: every object with these methods can be scored."""
 
+from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy as np
 from autonerf_lab.geometry import Intrinsics, camera_rays
 from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.types import Rendering
+
+_VIEW_SIDE = 64  # pixels
 
 
 def surface_points(image: Any, c2w: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, np.ndarray]:
@@ -76,3 +79,40 @@ class RadianceField(Renderer, Protocol):
         Returns:
             (N,) errors, (N, 3) gradients for the origins, (N, 3) gradients for the directions.
         """
+
+
+def training_views(field: RadianceField, rays: int) -> Iterator[tuple[np.ndarray, Intrinsics, Rendering]]:
+    """Render evenly spaced training views of a field, resized to at most 64 pixels a side.
+
+    Args:
+        field: its training views are rendered.
+        rays: approximate number of rays in all views.
+
+    Yields:
+        (4, 4) camera-to-world pose, intrinsics and rendering of each view.
+    """
+    width, height = field.intrinsics.width, field.intrinsics.height
+    scale = min(1.0, _VIEW_SIDE / max(width, height))
+    intrinsics = field.intrinsics.resized(max(1, round(width * scale)), max(1, round(height * scale)))
+    views = min(len(field.poses), max(1, rays // (intrinsics.width * intrinsics.height)))
+    for k in np.linspace(0, len(field.poses) - 1, views).round().astype(int):
+        yield field.poses[k], intrinsics, field.render(field.poses[k], intrinsics)
+
+
+def point_cloud(field: RadianceField, rays: int = 1_000_000) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the end points of training rays, and their classes.
+
+    Args:
+        field: its training views are rendered, see :func:`training_views`.
+        rays: approximate number of rays.
+
+    Returns:
+        (N, 3) float32 world points and (N,) uint8 classes, all background if the field has no classes.
+    """
+    points, classes = [], []
+    for c2w, intrinsics, image in training_views(field, rays):
+        found, ends = surface_points(image, c2w, intrinsics)
+        labels = np.zeros(ends.shape) if image.semantics is None else np.asarray(image.semantics)
+        points.append(found)
+        classes.append(labels[ends].astype(np.uint8))
+    return np.concatenate(points), np.concatenate(classes)

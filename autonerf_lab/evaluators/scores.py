@@ -127,6 +127,19 @@ class Scores(list[Score]):
         rows = [(label, *(str(counts.get(name, 0)) for name in names)) for label, counts in reasons.items()]
         return [("episodes", *names), *rows] if rows else []
 
+    def details_tables(self) -> dict[str, list[tuple[str, ...]]]:
+        """Return the tables of :meth:`details_table` by task, without empty ones.
+
+        Raises:
+            DataError: the details are damaged.
+        """
+        try:
+            tables = {task: self.details_table(task) for task in self.details}
+            " ".join(text for table in tables.values() for line in table for text in line)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise DataError(f"'details' is damaged ({error!r})") from error
+        return {task: table for task, table in tables.items() if table}
+
     def _finetuning_table(self, details: Mapping[str, Any]) -> list[tuple[str, ...]]:
         rows = {row.metric: row for row in self if row.task == "finetuning"}
         if not rows:
@@ -192,10 +205,9 @@ class Scores(list[Score]):
         scores.weights.update(content.weights)
         scores.details.update(content.details)
         try:
-            for task in scores.details:  # formatting fails on damaged values
-                " ".join(map("".join, scores.details_table(task)))
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise DataError(f"{path}: 'details' is damaged ({error!r}); run the evaluation again") from error
+            scores.details_tables()
+        except DataError as error:
+            raise DataError(f"{path}: {error}; run the evaluation again") from error
         return scores
 
 

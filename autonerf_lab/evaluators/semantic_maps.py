@@ -2,8 +2,10 @@
 
 **Prediction.** Every training ray ends at a point at its rendered depth, with the rendered class. Points between 0.10 m
 and 0.88 m vote for the class of their map cell; the background votes too:
-``label(cell) = argmax_k |{points of class k in the cell}|``. The rays come from a subset of the training views, resized
-to 64 pixels a side: about a million points for an apartment.
+``label(cell) = argmax_k |{points of class k in the cell}|``. The rays come from evenly spaced training views, resized
+to 64 pixels a side: about two million for an apartment. Pixels are larger than map cells, so that most cells of a
+surface would get no point. Therefore 36 points of a pixel are interpolated on the surface between it and its
+neighbours, where all four have one class and lie close together.
 
 **Ground truth.** A map cell has a class if a visible surface of that class lies in its height band
 (:mod:`~autonerf_lab.evaluators.ground_truth`). A cell may have two classes: a cup and the table under its rim.
@@ -17,67 +19,118 @@ TP / (TP + FN). Precision and recall are also computed with a tolerance of 5 cm,
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.evaluators.ground_truth import BAND, MapGrid, TrueMap
 from autonerf_lab.evaluators.maps import TOLERANCE, free_scores, occupancy_scores, share_within
 from autonerf_lab.evaluators.metrics import metrics_of
-from autonerf_lab.evaluators.radiance_field import RadianceField, surface_points
+from autonerf_lab.evaluators.radiance_field import RadianceField, surface_points, training_views
 from autonerf_lab.evaluators.task import Task, TaskFigure, TaskResult
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators.context import EvaluationContext
 
-VIEW_SIDE = 64  # pixels
-POINTS = 1_000_000
+RAYS = 2_000_000
+_SPLIT = 6  # points of a pixel along each side
+_GAP = 0.2  # metres; neighbouring pixels closer than this, with equal classes, see one surface
 
 
-def point_cloud(field: RadianceField, count: int = POINTS) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the end points of training rays, and their classes.
+@njit(cache=True)
+def _vote(
+    points: np.ndarray,
+    depth: np.ndarray,
+    classes: np.ndarray,
+    ends: np.ndarray,
+    frame: tuple[float, float, float],
+    votes: np.ndarray,
+) -> None:
+    """Add the points of an image to the votes, 36 for each pixel.
 
     Args:
-        field: its training views are rendered.
-        count: approximate number of rays; the views are evenly spaced along the trajectory.
+        points: (H, W, 3) end points of the rays, metres.
+        depth: (H, W) depth; its inverse, unlike itself, is linear in the pixel along a plane.
+        classes: (H, W) int64.
+        ends: (H, W) bool, rays that have an end point.
+        frame: x and y of the corner of the map, side of its cells.
+        votes: (K, R, C) int32, changed in place.
+    """
+    rows, cols = depth.shape
+    share = np.empty(4)
+    for i in range(rows):
+        for j in range(cols):
+            if not ends[i, j]:
+                continue
+            k = classes[i, j]
+            surface = i + 1 < rows and j + 1 < cols and _one_surface(points, classes, ends, i, j)
+            split = _SPLIT if surface else 1
+            for a in range(split):
+                for b in range(split):
+                    u, v = a / split, b / split
+                    share[:] = (1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v
+                    x = y = z = total = 0.0
+                    for corner in range(4 if surface else 1):
+                        r, c = i + corner // 2, j + corner % 2
+                        weight = share[corner] / depth[r, c]
+                        x += weight * points[r, c, 0]
+                        y += weight * points[r, c, 1]
+                        z += weight * points[r, c, 2]
+                        total += weight
+                    if not BAND[0] <= z / total <= BAND[1]:
+                        continue
+                    row = int(np.floor((y / total - frame[1]) / frame[2]))
+                    col = int(np.floor((x / total - frame[0]) / frame[2]))
+                    if 0 <= row < votes.shape[1] and 0 <= col < votes.shape[2]:
+                        votes[k, row, col] += _SPLIT * _SPLIT // (split * split)
+
+
+@njit(cache=True)
+def _one_surface(points: np.ndarray, classes: np.ndarray, ends: np.ndarray, i: int, j: int) -> bool:
+    """Return True if a pixel and its neighbours below and to the right have one class and lie close together."""
+    for r, c in ((i + 1, j), (i, j + 1), (i + 1, j + 1)):
+        if not ends[r, c] or classes[r, c] != classes[i, j]:
+            return False
+    for r, c in ((i, j), (i + 1, j + 1)):
+        for s, d in ((i + 1, j), (i, j + 1)):
+            distance = 0.0
+            for axis in range(3):
+                distance += (points[r, c, axis] - points[s, d, axis]) ** 2
+            if distance > _GAP * _GAP:
+                return False
+    return True
+
+
+def class_votes(field: RadianceField, grid: MapGrid, rays: int = RAYS) -> np.ndarray:
+    """Count the points of each class in the height band of each map cell.
+
+    Args:
+        field: its training views are rendered; without classes, everything is background.
+        grid: map with R x C cells.
+        rays: approximate number of rays; the views are evenly spaced along the trajectory.
 
     Returns:
-        (N, 3) float32 world points and (N,) uint8 classes, all background if the field has no classes.
+        (16, R, C) int32 numbers of points.
     """
-    scale = min(1.0, VIEW_SIDE / max(field.intrinsics.width, field.intrinsics.height))
-    intrinsics = field.intrinsics.resized(
-        max(1, round(field.intrinsics.width * scale)), max(1, round(field.intrinsics.height * scale))
-    )
-    views = min(len(field.poses), max(1, count // (intrinsics.width * intrinsics.height)))
-    points, classes = [], []
-    for k in np.linspace(0, len(field.poses) - 1, views).round().astype(int):
-        c2w = field.poses[k]
-        image = field.render(c2w, intrinsics)
-        found, ends = surface_points(image, c2w, intrinsics)
-        labels = np.zeros(ends.shape) if image.semantics is None else np.asarray(image.semantics)
-        points.append(found)
-        classes.append(labels[ends].astype(np.uint8))
-    return np.concatenate(points), np.concatenate(classes)
+    votes = np.zeros((NUM_CLASSES, *grid.shape), dtype=np.int32)
+    frame = (float(grid.origin[0]), float(grid.origin[1]), float(grid.cell))
+    for c2w, intrinsics, image in training_views(field, rays):
+        points, ends = surface_points(image, c2w, intrinsics)
+        dense = np.zeros((*ends.shape, 3))
+        dense[ends] = points
+        classes = np.zeros(ends.shape, dtype=np.int64)
+        if image.semantics is not None:
+            classes[image.semantics < NUM_CLASSES] = image.semantics[image.semantics < NUM_CLASSES]
+        _vote(dense, image.depth.astype(np.float64), classes, ends, frame, votes)
+    return votes
 
 
-def semantic_cells(points: np.ndarray, classes: np.ndarray, grid: MapGrid) -> np.ndarray:
-    """Return the (R, C) uint8 class with most points in the height band of each map cell; 0: background or no point.
+def semantic_cells(votes: np.ndarray) -> np.ndarray:
+    """Return the (R, C) uint8 class with most votes in each map cell; 0: background or no vote.
 
-    Example:
-        >>> grid = MapGrid(np.zeros(2), (1, 2), cell=1.0)
-        >>> semantic_cells(np.array([[0.5, 0.5, 0.3]] * 3), np.array([4, 4, 0]), grid)
-        array([[4, 0]], dtype=uint8)
+    Args:
+        votes: (16, R, C), result of :func:`class_votes`. Of classes with equal votes, the first one wins.
     """
-    band = (points[:, 2] >= BAND[0]) & (points[:, 2] <= BAND[1])
-    cells, inside = grid.cells(points[band])
-    classes = classes[band][inside]
-    flat = cells[:, 0] * grid.shape[1] + cells[:, 1]
-    size = grid.shape[0] * grid.shape[1]
-    most = np.bincount(flat[classes == 0], minlength=size)
-    label = np.zeros(size, dtype=np.uint8)
-    for k in range(1, NUM_CLASSES):
-        count = np.bincount(flat[classes == k], minlength=size)
-        label[count > most] = k
-        np.maximum(most, count, out=most)
-    return label.reshape(grid.shape)
+    return votes.argmax(axis=0).astype(np.uint8)
 
 
 def semantic_scores(labels: np.ndarray, truth: TrueMap, tolerance: float = TOLERANCE) -> dict[str, float | None]:

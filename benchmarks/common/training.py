@@ -106,7 +106,8 @@ def milliseconds_per_step(folder: Path, settings: Settings, model: str, warm_up:
     trainer = Trainer(pixels_of(read_views(folder, depth=settings.depth_weight > 0)[0]), settings, model)
     for _ in range(warm_up):
         trainer.step()
-    return interleaved({model: (trainer.step, 10)}, 7)[model]
+    # 16 steps, because the occupancy grid is updated every 16 steps and the proposals every 2
+    return interleaved({model: (trainer.step, 16)}, 7)[model]
 
 
 def interleaved(steps: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:

@@ -6,8 +6,9 @@
 The output has one results folder per run, of the same name, without the figures of the cells, for `bench report`,
 `bench compare` and `load_results_table`. Paths in the working directory become relative. A grid may be divided: runs of
 the same name, with other scenes, become one results folder, and an earlier output may be one of them. Only scenes are
-exported that are finished under all names, so that all rows are means over the same scenes. Prints the median time per
-cell, which other load on the machine changes little.
+exported whose cells have all been run under all names, so that all rows are means over the same scenes. A cell that
+failed is exported, too: the tables count it as null. Prints the median time per cell, which other load on the machine
+changes little.
 """
 
 import argparse
@@ -55,15 +56,15 @@ def relative(text: str) -> str:
     return text.replace(f"{Path.cwd()}/", "")
 
 
-def finished_scenes(runs: list[Results]) -> dict[str, Results]:
-    """Return the scenes whose cells are all finished, each with the first run that has finished it.
+def complete_scenes(runs: list[Results]) -> dict[str, Results]:
+    """Return the scenes whose cells have all been run, each with the first run that has all of them.
 
     Scenes are named as in the output, with relative paths.
     """
     found: dict[str, Results] = {}
     for run in runs:
-        finished = {outcome.cell for outcome in run.outcomes() if outcome.finished}
-        missing = {cell.scene for cell in run.grid.cells() if cell not in finished}
+        ended = {outcome.cell for outcome in run.outcomes()}
+        missing = {cell.scene for cell in run.grid.cells() if cell not in ended}
         found = {relative(scene): run for scene in run.grid.scenes if scene not in missing} | found
     return found
 
@@ -101,11 +102,11 @@ def main() -> None:
     arguments = parser.parse_args()
     runs = [load_results(path) for path in arguments.runs]
     names = dict.fromkeys(run.path.name for run in runs)
-    finished = {name: finished_scenes([run for run in runs if run.path.name == name]) for name in names}
-    everywhere = sorted(set.intersection(*map(set, finished.values())))
+    complete = {name: complete_scenes([run for run in runs if run.path.name == name]) for name in names}
+    everywhere = sorted(set.intersection(*map(set, complete.values())))
     if not everywhere:
-        raise SystemExit("no scene is finished in all runs: nothing to export")
-    for name, scenes in finished.items():
+        raise SystemExit("no scene is complete in all runs: nothing to export")
+    for name, scenes in complete.items():
         copy_scenes({scene: scenes[scene] for scene in everywhere}, arguments.out / name)
     found = load_results_table(*(load_results(arguments.out / name) for name in names))
     for name, data in table_files(found).items():

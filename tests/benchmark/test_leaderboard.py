@@ -27,7 +27,8 @@ def table(path, values, scenes=SCENES, preset="smoke"):
 
 
 def test_rows_are_ordered_by_mean_rank_over_common_episodes(tmp_path):
-    ours = table(tmp_path / "ours", {"random": (20.0, 50.0), "frontier": (28.0, 80.0)})
+    policies = {"random": (20.0, 50.0), "frontier": (28.0, 80.0), "oracle-obs": (30.0, 99.0)}  # the last has no rank
+    ours = table(tmp_path / "ours", policies)
     mine = table(tmp_path / "mine", {"frontier": (29.0, 90.0)}, ("val-1", "val-2"))
     made = leaderboard({"ours": ours, "mine": mine})
     assert [row[0].text for row in made.rows] == [

@@ -8,6 +8,7 @@ from dataclasses import replace
 import fake_cell
 import numpy as np
 import pytest
+from scipy import stats
 
 from autonerf_lab.benchmark import Grid, Outcome, Results, paper
 from autonerf_lab.benchmark.compare import METRICS as COMPARED
@@ -18,7 +19,7 @@ from autonerf_lab.benchmark.grid import CONDITIONS
 from autonerf_lab.benchmark.paper_tables import TABLES, all_tables, table
 from autonerf_lab.benchmark.results import load_results, open_results
 from autonerf_lab.benchmark.results_table import load_results_table, paired_difference, scores_frame
-from autonerf_lab.benchmark.text_table import Entry, Table
+from autonerf_lab.benchmark.text_table import Entry, Table, escaped
 from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
 from autonerf_lab.evaluators.metrics import METRICS
 from autonerf_lab.types import Score
@@ -167,6 +168,50 @@ def test_differences_are_corrected_for_their_number(tmp_path):
         assert made == Entry("+1.40 ± 1.14, d 3.1", bold)
 
 
+def test_each_reference_has_a_family_of_its_own(tmp_path):
+    """Differences of 1, 1.3 and 1.9: p is 3.4 %; a second difference from another policy leaves it as it is."""
+    values = {"frontier": [20.0] * 3, "random": [20.0, 20.5, 19.8], "modular-obs": [21.0, 21.3, 21.9]}
+    grid = Grid(tuple(values), GRID.scenes, 1, preset="smoke")
+    made = table("differences", load_results_table(folder(tmp_path, values, grid)))
+    assert [row[0].text for row in made.rows] == ["modular-obs − frontier", "frontier − random", "modular-obs − random"]
+    assert made.rows[0][1] == Entry("+1.40 ± 1.14, d 3.1", bold=True)
+
+
+def test_scores_in_the_mesh_and_in_the_true_scene_are_compared_within_a_cell(tmp_path):
+    results = Results(tmp_path, GRID)
+    for k, cell in enumerate(GRID.cells()):
+        scores = Score("navigation", "success", 80.0 + k), Score("navigation", "success_true_mesh", 90.0 + k)
+        results.write(Outcome(cell, "ok", scores if cell.policy == "modular-obs" else (), {}))
+    made = table("navigation", load_results_table(results))
+    assert made.header[-2:] == (
+        "Success in the mesh − Success in the true scene",
+        "SPL in the mesh − SPL in the true scene",
+    )
+    assert [entry.text for entry in made.rows[1][-2:]] == ["-10.0 ± 0.0", "–"] and made.rows[1][-2].bold
+    assert {entry.text for entry in made.rows[0][1:] if entry.text[0].isalpha()} == set(), "not measured is not null"
+
+
+def test_the_true_geometry_is_the_last_row(tmp_path):
+    grid = replace(GRID, policies=("frontier", "modular-obs"), baselines=True)
+    results = Results(tmp_path, grid)
+    for k, cell in enumerate(grid.cells()):
+        recall = Score("maps", "free_recall", 20.0 + k)
+        baselines = {"oracle": (replace(recall, value=98.0),)} if cell.policy == "modular-obs" else {}
+        results.write(Outcome(cell, "ok", (recall,), {}, baselines=baselines))
+    made = table("maps", load_results_table(results))
+    assert [row[0].text for row in made.rows] == ["frontier", "modular-obs", "true geometry (oracle)"]
+    assert [entry.text for entry in made.rows[2][1:] if entry.text != "–"] == ["98.0 ± 0.0"]
+
+
+def test_tables_without_values_are_named_but_not_printed(tmp_path):
+    found = load_results_table(folder(tmp_path / "a", {"frontier": [1.0] * 3, "modular-obs": [2.0] * 3}))
+    export_results(found, tmp_path)
+    text = (tmp_path / "tables.md").read_text()
+    printed = {made.name for made in all_tables(found) if f"**{escaped(made.title)}**" in text}
+    assert printed == {"rendering", "differences"}
+    assert "- No table navigation: Not measured yet. Add it with" in text
+
+
 def test_a_score_that_is_null_in_all_cells_has_no_column(tmp_path):
     results = Results(tmp_path, GRID)
     for cell in GRID.cells():
@@ -239,28 +284,29 @@ def test_baselines_of_the_same_cells_are_columns(tmp_path):
 
 def test_correlations_of_the_modular_policies_by_scene(tmp_path):
     policies = ("frontier", "modular-cov", "modular-obs", "modular-mine")
-    grid = Grid(policies, ("val-0",), 2, preset="smoke")
+    grid = Grid(policies, ("val-0",), 3, preset="smoke")
     results = Results(tmp_path, grid)
-    numbers = {("modular-cov", 0): (1, 1), ("modular-cov", 1): (2, 2), ("modular-obs", 0): (3, 3),
-               ("modular-obs", 1): (4, 4.1), ("frontier", 0): (9, -9), ("frontier", 1): (7, 100),
-               ("modular-mine", 0): (5, -5), ("modular-mine", 1): (6, -6)}  # fmt: skip
+    numbers = {("modular-cov", 0): (1, 1), ("modular-cov", 1): (2, 2), ("modular-cov", 2): (3, 3),
+               ("modular-obs", 0): (4, 4.1), ("modular-obs", 1): (5, 5), ("modular-obs", 2): (6, 6),
+               **{("frontier", k): (9 - k, 100 * k) for k in range(3)},
+               **{("modular-mine", k): (5 + k, -5 - k) for k in range(3)}}  # fmt: skip
     for cell in grid.cells():
         x, y = numbers[cell.policy, cell.start]
         results.write(Outcome(cell, "ok", (Score("reward", "cov", x), Score("rendering", "psnr", y)), {}))
     made = table("correlations", load_results_table(results))
-    assert made.header[:3] == ("", "val-0", "paper 0") and made.note.startswith("0 to 4 points")
+    assert made.header[:3] == ("", "val-0", "paper 0") and made.note.startswith("0 to 6 points")
     assert f"trajectories of the modular policies, fields of {MODEL}." in made.note
     assert [e.text for e in made.rows[0]] == ["PSNR, cov", "1.00", "0.73", "0.77", "0.95", "0.48", "–"]
     assert made.rows[1][1].text == "–"
 
 
 def test_correlations_of_all_policies_where_there_is_no_modular_one(tmp_path):
-    grid = Grid(("frontier", "modular-mine"), ("val-0",), 2, preset="smoke")
+    grid = Grid(("frontier", "modular-mine"), ("val-0",), 3, preset="smoke")
     results = Results(tmp_path, grid)
     for k, cell in enumerate(grid.cells()):
         results.write(Outcome(cell, "ok", (Score("reward", "cov", k), Score("rendering", "psnr", k)), {}))
     made = table("correlations", load_results_table(results))
-    assert made.rows[0][1].text == "1.00" and "0 to 4 points per scene: trajectories of all policies" in made.note
+    assert made.rows[0][1].text == "1.00" and "0 to 6 points per scene: trajectories of all policies" in made.note
 
 
 def test_compare_has_every_score_and_refuses_other_presets(tmp_path):
@@ -297,10 +343,10 @@ def test_statuses_are_escaped_in_tables(tmp_path):
 
 
 def test_pearson_by_hand():
-    # deviations (-1, 0, 1) and (-1, 1, 0): r = 1 / 2
-    r, p = pearson([1.0, 2.0, 3.0], [1.0, 3.0, 2.0])
-    assert r == pytest.approx(0.5) and p == pytest.approx(2 / 3, abs=1e-6)
-    assert pearson([1.0, 2.0], [1.0, 2.0]) is None
+    # deviations (-2, -1, 0, 1, 2) and (-2, -1, 1, 0, 2): r = 9 / 10, t = 0.9 sqrt(3 / 0.19) with 3 degrees of freedom
+    r, p = pearson([1.0, 2.0, 3.0, 4.0, 5.0], [1.0, 2.0, 4.0, 3.0, 5.0])
+    assert r == pytest.approx(0.9) and p == pytest.approx(2 * stats.t.sf(0.9 * math.sqrt(3 / 0.19), 3))
+    assert pearson([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 3.0, 4.0]) is None
 
 
 def test_text_is_escaped():
@@ -334,17 +380,20 @@ def test_noise_and_pose_source_have_rows_of_their_own(tmp_path):
                enumerate(((noisy, 15.0), (estimated, 24.0)))]  # fmt: skip
     found = load_results_table(exact, *folders)
     rows = [row[0].text for row in table("rendering", found).rows]
-    assert rows[1:] == [
-        f"modular-obs, {MODEL}",
-        f"modular-obs, {MODEL}, noise ans, depth noise redwood",
-        f"modular-obs, {MODEL}, noise ans, depth noise redwood, poses estimated",
-    ]
+    assert rows == ["frontier", "modular-obs"], "never mixed with rows of the paper"
     made = table("noise", found)
-    assert [entry.text for entry in made.rows[0]] == ["rendering: PSNR [dB]", "25.00 ± 0.00", "25.56", "24.00 ± 0.00",
-                                                      "20.87"]  # fmt: skip
-    assert "poses estimated" in made.note and made.rows[-1][0].text.startswith("trajectory: ")
+    assert made.header == (
+        *("modular-obs", "without noise", "paper", "odometry poses", "estimated poses", "paper"),
+        *("odometry poses − without noise", "estimated poses − without noise"),
+    )
+    assert [entry.text for entry in made.rows[0]] == [
+        *("rendering: PSNR [dB]", "25.00 ± 0.00", "25.56", "15.00 ± 0.00", "24.00 ± 0.00", "20.87"),
+        *("-10.00 ± 0.00", "-1.00 ± 0.00"),
+    ]
+    assert made.rows[-1][0].text.startswith("trajectory: ")
     alone = table("noise", load_results_table(folders[0]))
-    assert [entry.text for entry in alone.rows[0]][1:4] == ["–", "25.56", "15.00 ± 0.00"]
+    assert [entry.text for entry in alone.rows[0]][1:] == ["–", "25.56", "15.00 ± 0.00", "20.87"]
+    assert [row[0].text for row in table("rendering", load_results_table(folders[0])).rows] == ["modular-obs"]
     frame = scores_frame(load_results_table(*folders).outcomes)
     assert frame["poses"].fillna("").tolist() == [""] * 3 + ["estimated"] * 3 and set(frame["noise"]) == {"ans"}
     assert "noise" not in scores_frame(load_results_table(exact).outcomes)
@@ -381,7 +430,7 @@ def test_predicted_semantics_are_a_row_of_their_own_beside_the_paper(tmp_path):
     assert found.rows[-1] == ("modular-obs", f"{MODEL}, semantics predicted") and not found.noisy
     made = table("semantics", found)
     line = next(row for row in made.rows if row[0].text == "rendering: mIoU [%]")
-    assert [entry.text for entry in line[1:]] == ["91.0 ± 2.5", "83.2", "71.0 ± 2.5", "61.1"]
+    assert [entry.text for entry in line[1:]] == ["91.0 ± 2.5", "83.2", "71.0 ± 2.5", "61.1", "-20.0 ± 0.0"]
     assert "modular-obs" in made.note and "not measured" in table("semantics", load_results_table(true)).note
     d = found.difference(found.rows[-1], ("modular-obs", MODEL), metric)
     assert d.mean == pytest.approx(-20) and d.half_width == pytest.approx(0)

@@ -126,8 +126,9 @@ def test_report_is_self_contained(results, capsys):
     path = results.path / "report/index.html"
     assert capsys.readouterr().out.strip() == str(path)
     page = path.read_text()
-    for part in ("leaderboard", "figures", "tables", "cells", "rendering", "correlations", "noise"):
+    for part in ("leaderboard", "figures", "tables", "cells", "rendering", "differences"):
         assert f'id="{part}"' in page
+    assert 'id="noise"' not in page and "No table noise: With noise: not measured" in page
     assert page.count("data:image/png") == 2
     links = re.findall(r'(?:src|href)="(?!data:|#)([^"]*)', page)
     assert {link.partition("/")[0] for link in links} == {"cells", "cards"}
@@ -136,6 +137,7 @@ def test_report_is_self_contained(results, capsys):
     cell = next(path.parent.glob("cells/*modular-obs*.html")).read_text()
     assert re.findall(r'(?:src|href)="(?!data:|#)([^"]*)', cell) == ["../index.html"]
     assert "<td>rendering: PSNR [dB]</td>" in cell and "data:image/png" in cell
+    assert 'id="details-planning"' in cell and "<td>PointGoal</td><td>7</td><td>1</td>" in cell
     card = next(path.parent.glob("cards/modular-obs*.md")).read_text()
     assert "- training: command: autonerf-lab train-policy --policy modular-obs" in card
     (line,) = (line for line in card.splitlines() if "PSNR" in line)

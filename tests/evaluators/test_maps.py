@@ -1,5 +1,6 @@
 """Maps: grids computed by hand, the true map of a toy scene, and the scores of perfect, empty and displaced fields."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -19,8 +20,9 @@ from autonerf_lab.evaluators.maps import (
     predict_states,
     share_within,
 )
-from autonerf_lab.evaluators.semantic_maps import MapsTask, point_cloud, semantic_cells, semantic_scores
-from autonerf_lab.geometry import Intrinsics
+from autonerf_lab.evaluators.radiance_field import point_cloud, training_views
+from autonerf_lab.evaluators.semantic_maps import MapsTask, class_votes, semantic_cells, semantic_scores
+from autonerf_lab.geometry import Intrinsics, camera_rays
 from autonerf_lab.presets import preset
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Rendering
@@ -150,10 +152,80 @@ def test_a_scene_without_objects_has_no_semantic_scores():
     assert set(semantic_scores(np.zeros((5, 5), np.uint8), HAND).values()) == {None}
 
 
+class Views:
+    """Field with given images: a camera at the origin that looks along -z, moved to ``origins``."""
+
+    def __init__(self, depth, classes, origins=((0.0, 0.0, 0.0),)):
+        self.depth, self.classes = np.array(depth, np.float32), np.array(classes, np.uint8)
+        self.intrinsics = Intrinsics.from_fov(self.depth.shape[1], self.depth.shape[0])
+        self.poses = np.tile(np.eye(4), (len(origins), 1, 1))
+        self.poses[:, :3, 3] = origins
+
+    def render(self, c2w, intrinsics):
+        rgb = np.zeros((*self.depth.shape, 3), np.float32)
+        return Rendering(rgb, self.depth, self.classes, (self.depth > 0).astype(np.float32))
+
+
 def test_points_outside_the_height_band_or_the_grid_are_ignored():
+    """One pixel: a point 0.5 m below the camera, which stands at four positions."""
     grid = MapGrid(np.zeros(2), (2, 2), 1.0)
-    points = np.array([[0.5, 0.5, 0.05], [0.5, 0.5, 0.95], [5, 5, 0.5], [1.5, 0.5, 0.5]])
-    assert semantic_cells(points, np.array([1, 2, 3, 4]), grid).tolist() == [[0, 4], [0, 0]]
+    origins = [[0.5, 0.5, 0.55], [0.5, 0.5, 1.45], [5, 5, 1.0], [1.5, 0.5, 1.0]]
+    votes = class_votes(Views([[0.5]], [[4]], origins), grid)
+    assert votes.sum(axis=(1, 2)).tolist() == [36 * (k == 4) for k in range(16)] and votes[4, 0, 1] == 36
+    assert semantic_cells(votes).tolist() == [[0, 4], [0, 0]]
+
+
+def test_background_votes_and_classes_that_do_not_exist_are_background():
+    grid = MapGrid(np.zeros(2), (1, 1), 1.0)
+    over = [[0.5, 0.5, 1.0]]
+    assert class_votes(Views([[0.5]], [[200]], over), grid)[0].item() == 36
+    votes = class_votes(Views([[0.5]], [[4]], over * 2), grid) + class_votes(Views([[0.5]], [[0]], over * 3), grid)
+    assert semantic_cells(votes).item() == 0
+
+
+def naive_votes(field, grid):
+    """Points between four neighbouring end points: a plane through a pixel's ray and three others, by its depth."""
+    votes = np.zeros((16, *grid.shape), int)
+    for c2w, intrinsics, image in training_views(field, 1):
+        rays_o, rays_d = camera_rays(intrinsics, c2w)
+        ends = rays_o + image.depth[..., None] * rays_d
+        for i, j in np.argwhere(image.depth > 0):
+            four = (slice(i, i + 2), slice(j, j + 2))
+            points, known = ends[four].reshape(-1, 3), (image.depth[four] > 0).all()
+            a, b, c, d = points if len(points) == 4 else np.zeros((4, 3))
+            near = max(np.linalg.norm(p - q) for p, q in ((a, b), (a, c), (d, b), (d, c))) <= 0.2
+            one = len(points) == 4 and known and near and len(np.unique(image.semantics[four])) == 1
+            for u, v in itertools.product(np.arange(6) / 6, repeat=2):
+                point = ends[i, j]
+                if one:
+                    shares = np.array([[(1 - u) * (1 - v), (1 - u) * v], [u * (1 - v), u * v]])[..., None]
+                    ray = (shares * rays_d[four]).sum(axis=(0, 1))
+                    point = rays_o[i, j] + ray / (shares[..., 0] / image.depth[four]).sum()
+                cells, inside = grid.cells(point[None])
+                if inside[0] and 0.1 <= point[2] <= 0.88:
+                    votes[image.semantics[i, j], cells[0, 0], cells[0, 1]] += 1
+    return votes
+
+
+def test_votes_match_a_naive_reference():
+    rng = np.random.default_rng(0)
+    depth = 1.0 + 0.1 * rng.random((12, 12))
+    depth[3, 4], depth[7, 7:] = 0.0, 1.6  # a hole and an edge
+    classes = np.where(rng.random((12, 12)) < 0.1, 3, 8)
+    field, grid = Views(depth, classes, [[1.013, 0.987, 1.5]]), MapGrid(np.zeros(2), (50, 50), 0.04)
+    np.testing.assert_array_equal(class_votes(field, grid), naive_votes(field, grid))
+
+
+def test_a_plane_between_pixels_has_no_gaps():
+    """A table top, 1 m below the camera: pixels are 12 cm apart, cells 3 cm, and rays fall on one cell of 16."""
+    field, grid = (
+        Views(np.ones((16, 16)), np.full((16, 16), 7), [[1.0, 1.0, 1.5]]),
+        MapGrid(np.zeros(2), (66, 66), 0.03),
+    )
+    labels = semantic_cells(class_votes(field, grid))
+    assert (labels[3:62, 3:62] == 7).all()
+    field.classes[8, 8] = 0  # its neighbours no longer share a surface with it
+    assert (semantic_cells(class_votes(field, grid))[3:62, 3:62] == 0).sum() == pytest.approx(64, abs=16)
 
 
 class Recorder:
@@ -176,25 +248,25 @@ class Recorder:
     ("camera", "size"),
     [((128, 96), (64, 48)), ((96, 128), (48, 64)), ((40, 30), (40, 30)), ((300, 1), (64, 1)), ((1, 300), (1, 64))],
 )
-def test_views_of_the_point_cloud_have_at_most_64_pixels_a_side(camera, size):
+def test_training_views_of_evaluators_have_at_most_64_pixels_a_side(camera, size):
     field = Recorder(2, *camera)
-    point_cloud(field)
+    point_cloud(field, 10**6)
     assert field.sizes == {size} and field.views == [0, 1]
 
 
 @pytest.mark.parametrize(
     ("count", "views"), [(3 * 64 * 48, [0, 2, 4]), (1, [0]), (64 * 48 - 1, [0]), (10**6, [0, 1, 2, 3, 4])]
 )
-def test_views_of_the_point_cloud_are_evenly_spaced(count, views):
+def test_training_views_of_evaluators_are_evenly_spaced(count, views):
     field = Recorder(5, 128, 96)
     point_cloud(field, count)
     assert field.views == views
 
 
-def test_the_point_cloud_has_a_million_rays():
-    field = Recorder(401, 50, 50)
-    point_cloud(field)
-    assert len(field.views) == 400
+def test_maps_have_two_million_rays():
+    field = Recorder(801, 50, 50)
+    class_votes(field, MapGrid(np.zeros(2), (1, 1), 1.0))
+    assert len(field.views) == 800
 
 
 def test_the_task_has_all_scores_of_maps(sim, truth, field):
@@ -224,7 +296,7 @@ def test_perfect_geometry_makes_a_perfect_map(field, truth):
     states = predict_states(field, truth.grid)
     assert set(free_scores(states, truth).values()) == {100.0}
     assert set(occupancy_scores(states, truth).values()) == {100.0}
-    scores = semantic_scores(semantic_cells(*point_cloud(field), truth.grid), truth)
+    scores = semantic_scores(semantic_cells(class_votes(field, truth.grid)), truth)
     assert scores["semantic_precision_5cm"] > 99.9 and scores["semantic_recall_5cm"] > 99
 
 
@@ -246,7 +318,7 @@ def test_an_empty_field_has_recall_zero(sim, truth):
     scores = free_scores(states, truth) | occupancy_scores(states, truth)
     assert scores["occupancy_recall"] == 0.0 and scores["occupancy_precision"] is None
     assert scores["free_recall"] == 100.0 and scores["free_precision"] < 95
-    assert semantic_scores(semantic_cells(*point_cloud(field), truth.grid), truth)["semantic_recall_5cm"] == 0.0
+    assert semantic_scores(semantic_cells(class_votes(field, truth.grid)), truth)["semantic_recall_5cm"] == 0.0
 
 
 class Displaced(TrueField):

@@ -29,7 +29,7 @@ from autonerf_lab.evaluators.planning import (
     scene_episodes,
     spl,
 )
-from autonerf_lab.evaluators.semantic_maps import point_cloud, semantic_cells
+from autonerf_lab.evaluators.semantic_maps import class_votes, semantic_cells
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.presets import preset
 from autonerf_lab.simulator import Simulator
@@ -319,7 +319,7 @@ def test_perfect_map_with_equal_dilation(truth, episode_set, perfect):
 
 def test_the_true_geometry_as_a_field_with_equal_dilation(truth, episode_set):
     field = TrueField(toy_scene.two_rooms(), views=300)
-    labels = semantic_cells(*point_cloud(field), truth.grid)
+    labels = semantic_cells(class_votes(field, truth.grid))
     result = evaluate_planning(predict_states(field, truth.grid), labels, truth, episode_set, dilation=0.18)
     assert result.values["pointgoal_success"] == 100 and result.values["pointgoal_spl"] >= 99
     assert result.values["objectgoal_success"] == 100 and result.values["objectgoal_spl"] >= 95

@@ -17,8 +17,9 @@ from autonerf_lab.evaluators.mesh_metrics import MeshTask, evaluate_mesh
 from autonerf_lab.evaluators.metrics import metrics_of
 from autonerf_lab.evaluators.oracle import TrueField
 from autonerf_lab.evaluators.planning import PlanningTask, dilate_obstacles, planning_scores, scene_episodes
+from autonerf_lab.evaluators.radiance_field import point_cloud
 from autonerf_lab.evaluators.rendering import sample_test_poses
-from autonerf_lab.evaluators.semantic_maps import MapsTask, point_cloud
+from autonerf_lab.evaluators.semantic_maps import MapsTask
 from autonerf_lab.evaluators.task import Task, TaskResult
 from autonerf_lab.evaluators.upstream import maps, planning, pose_refinement
 
