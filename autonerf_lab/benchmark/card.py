@@ -5,6 +5,7 @@ from typing import Any
 
 from autonerf_lab import __version__
 from autonerf_lab.benchmark import paper
+from autonerf_lab.benchmark.cell import reward_of
 from autonerf_lab.benchmark.grid import is_path, label
 from autonerf_lab.benchmark.paper_tables import REFERENCES, difference_entry, paper_values, spread
 from autonerf_lab.benchmark.results import Results
@@ -18,8 +19,8 @@ _TRAINING = ("command", "frames", "hours", "seed", "network")  # of the file bes
 def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
     """Return the card of a policy and model as Markdown.
 
-    It states the conditions (scenes, starts, preset, version, digest of the weights), the training of a learned policy,
-    the headline scores with intervals, and the paired differences to a reference policy.
+    It states the reward, the conditions (scenes, starts, preset, version, digests of weights and settings), the
+    training of a learned policy, the headline scores with intervals, and the paired differences to a reference policy.
 
     Args:
         found: table of ``folders``.
@@ -31,6 +32,7 @@ def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
     fingerprint, episodes = results.fingerprint, found.episodes[row]
     facts: dict[str, Any] = {
         "policy": row[0],
+        "reward": reward_of(row[0]) or NO_VALUE,
         "model": row[1],
         "preset": found.preset,
         "scenes": ", ".join(dict.fromkeys(scene for scene, _ in episodes)),
@@ -38,6 +40,7 @@ def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
         "cells with scores": f"{len(found.values[row])} of {len(episodes)}",
         "table made by": f"autonerf-lab {__version__}",
         "SHA-256 of the weights": (fingerprint.get("weights") or {}).get(row[0], NO_VALUE),
+        "SHA-256 of the model's settings": (fingerprint.get("settings") or {}).get(row[1].split(", ")[0], NO_VALUE),
         **_training(policy),
     }
     lines = [f"- {name}: {value}" for name, value in facts.items()]

@@ -15,6 +15,8 @@ from fake_grid import GRID, NAMES, SUPPORT, log, statuses
 from autonerf_lab.benchmark import load_results, run_grid
 from autonerf_lab.benchmark import run as run_module
 from autonerf_lab.benchmark.cluster import key_of
+from autonerf_lab.benchmark.export import table_files
+from autonerf_lab.benchmark.results_table import load_results_table
 from autonerf_lab.benchmark.worker import Job
 from autonerf_lab.errors import DataError
 
@@ -79,6 +81,10 @@ def test_killed_worker_loses_no_cell(tmp_path: Path, cluster) -> None:
     results = run_grid(GRID, tmp_path / "out", scheduler=address, function=fake_cell.FUNCTION)
     assert statuses(results) == dict.fromkeys(NAMES, "ok") | {NAMES[5]: "failed"}
     assert set(log(tmp_path)) == set(NAMES) and len(log(tmp_path)) <= len(NAMES) + 1, "at most one cell starts again"
+    (tmp_path / "alone").mkdir()
+    (tmp_path / "alone/behaviour.json").write_text(json.dumps({NAMES[5]: "failed: odd"}))
+    alone = run_grid(GRID, tmp_path / "alone/out", workers=0, function=fake_cell.FUNCTION)
+    assert table_files(load_results_table(results)) == table_files(load_results_table(alone))
 
 
 def test_keys_are_unique_and_show_the_cell_name() -> None:

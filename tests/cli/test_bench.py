@@ -140,6 +140,7 @@ def test_report_is_self_contained(results, capsys):
     assert 'id="details-planning"' in cell and "<td>PointGoal</td><td>7</td><td>1</td>" in cell
     card = next(path.parent.glob("cards/modular-obs*.md")).read_text()
     assert "- training: command: autonerf-lab train-policy --policy modular-obs" in card
+    assert re.search(r"- SHA-256 of the model's settings: [0-9a-f]{64}\n", card) and "- reward: obs\n" in card
     (line,) = (line for line in card.splitlines() if "PSNR" in line)
     assert re.fullmatch(r"\| rendering: PSNR \\\[dB] \| [\d.]+ ± [\d.]+ \| [*]*\+[\d.]+ ± [\d.]+[*]* \| 25.56 \|", line)
     assert "12 of 12 cells" in page and "Worst" in page
