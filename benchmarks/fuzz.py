@@ -10,7 +10,6 @@ A mutant depends only on the seed and its number, so a long run can be divided i
 """
 
 import argparse
-import hashlib
 import json
 import os
 import resource
@@ -185,15 +184,6 @@ def make_formats(folder: Path) -> list[Format]:
     gallery.add("trajectory", "red", lambda: rgb[0], title="Red", caption="A square.", alt="Square")
     gallery.close()
 
-    def redigest() -> None:
-        """Let the digest of the arrays match, so that the loader looks at them."""
-        try:
-            header = json.loads((folder / "field/nerf.json").read_bytes())
-            digest = hashlib.sha256((folder / "field/nerf.safetensors").read_bytes()).hexdigest()
-            (folder / "field/nerf.json").write_text(json.dumps(header | {"arrays_sha256": digest}))
-        except (ValueError, TypeError):
-            pass
-
     def train_on() -> None:
         fit(trajectory, settings=settings, preset="smoke", progress=False, checkpoint=folder / "training")
 
@@ -214,8 +204,7 @@ def make_formats(folder: Path) -> list[Format]:
         Format("rgb.png", folder / "rgb.png", lambda: read_rgb(folder / "rgb.png")),
         Format("depth.png", folder / "depth.png", lambda: read_depth(folder / "depth.png")),
         Format("classes.png", folder / "classes.png", lambda: read_classes(folder / "classes.png")),
-        Format("nerf.json", folder / "field/nerf.json", lambda: load_nerf(folder / "field")),
-        Format("nerf.safetensors", folder / "field/nerf.safetensors", lambda: load_nerf(folder / "field"), redigest),
+        Format("nerf.safetensors", folder / "field/nerf.safetensors", lambda: load_nerf(folder / "field")),
         Format("training.safetensors", folder / "training/training.safetensors", train_on),
         Format("policy.json", folder / "policy.json", lambda: load_policy(folder / "policy")),
         Format("policy.safetensors", folder / "policy.safetensors", lambda: load_policy(folder / "policy")),

@@ -1,15 +1,15 @@
-"""Fields and training states on disk: safetensors for arrays, JSON for the rest; no file can contain code.
+"""Fields and training states on disk: safetensors for arrays, a JSON header for the rest; no file can contain code.
 
-``nerf.safetensors`` holds the arrays of a field; ``nerf.json``, written last, describes how to rebuild it. A training
-in progress stores ``training.safetensors``, which is removed when the field is saved.
+``nerf.safetensors`` holds a field; ``nerf.json`` is a copy of its header for readers, written last. A training in
+progress stores ``training.safetensors``, which is removed when the field is saved.
 """
 
-import hashlib
+import json
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -20,21 +20,12 @@ from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.optimizer import Adam, ParameterAverage
 from autonerf_lab.nerf.ray_batch import Array, assign, to_numpy
 from autonerf_lab.nerf.settings import Settings
-from autonerf_lab.utils.storage import (
-    MAX_ARRAY_BYTES,
-    parse_arrays,
-    read_arrays,
-    read_bytes,
-    read_json,
-    write_arrays,
-    write_json,
-)
+from autonerf_lab.utils.storage import parse_json, read_arrays, write_arrays, write_json
 
-VERSION = 3  # of nerf.json
+VERSION = 4  # of nerf.safetensors
 SAVE_EVERY = 20.0  # seconds of training between two checkpoints
 TRAINING_FILE = "training.safetensors"
-ARRAYS_FILE = "nerf.safetensors"
-
+FIELD_FILE = "nerf.safetensors"
 
 Point = tuple[float, float, float]
 
@@ -67,10 +58,9 @@ class FrameHeader:
 
 @dataclass(frozen=True)
 class FieldHeader:
-    """Content of ``nerf.json``."""
+    """Header of a field."""
 
     version: int
-    arrays_sha256: str  # of the file of the arrays
     settings: dict[str, Any]
     box: BoxHeader
     frame: FrameHeader
@@ -81,6 +71,18 @@ class FieldHeader:
     package: str | None = None  # that registers the model
 
 
+@dataclass(eq=False, repr=False)
+class Progress:
+    """Progress of a training."""
+
+    step: int = 0  # steps done
+    psnr: float = 0.0  # running mean of the training PSNR, dB
+    seconds: float = 0.0  # duration of the training so far
+    losses: dict[str, float] = field(default_factory=dict)  # mean losses of the last step
+    skipped: int = 0  # steps whose losses or gradients were not finite
+    rate_scale: float = 1.0  # factor of the learning rates, below 1 after failures
+
+
 @dataclass(frozen=True)
 class TrainingHeader:
     """Header of a training checkpoint."""
@@ -89,16 +91,10 @@ class TrainingHeader:
     optimizer_steps: dict[str, int]
     averaged: Annotated[int, msgspec.Meta(ge=0)]
     rng: dict[str, Any]
-    step: int
-    psnr: float
-    seconds: float
-    losses: dict[str, float]
-    skipped: int
-    failures: int
-    rate_scale: float
+    progress: Progress
 
 
-class TrainingState:
+class TrainingState(Progress):
     """Everything that changes during training, and its checkpoint.
 
     Args:
@@ -108,23 +104,14 @@ class TrainingState:
 
     Attributes:
         average: mean of the parameters at the end of the training, if the settings ask for it.
-        step: number of steps done.
-        psnr: running mean of the training PSNR, dB.
-        seconds: duration of the training so far.
-        losses: mean losses of the last step.
-        skipped: number of steps whose losses or gradients were not finite.
-        failures: number of such steps in a row.
-        rate_scale: factor of the learning rate, below 1 after failures.
+        failures: number of skipped steps in a row. After one, the parameters may be no longer finite.
     """
 
-    _COUNTERS: ClassVar = ("step", "psnr", "seconds", "losses", "skipped", "failures", "rate_scale")
-
     def __init__(self, model: Model, optimizer: Adam, rng: np.random.Generator) -> None:
+        super().__init__()
         self.model, self.optimizer, self.rng = model, optimizer, rng
         self.average = ParameterAverage(model.parameters if model.settings.averaged else {})
-        self.step, self.psnr, self.seconds = 0, 0.0, 0.0
-        self.losses: dict[str, float] = {}
-        self.skipped, self.failures, self.rate_scale = 0, 0, 1.0
+        self.failures = 0
         self._snapshot: tuple[list[np.ndarray], dict[str, int], int] | None = None
         self._saved = time.perf_counter()
 
@@ -161,18 +148,15 @@ class TrainingState:
             self.optimizer.steps.update(header.optimizer_steps)
             self.average.count = header.averaged
             self.rng.bit_generator.state = header.rng
-            for name in self._COUNTERS:
-                setattr(self, name, getattr(header, name))
-            if not all(
-                np.isfinite(to_numpy(array)).all() for group in self._groups().values() for array in group.values()
-            ):
+            vars(self).update(vars(header.progress))
+            if not self.is_finite():
                 raise ValueError("values that are not finite")
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise DataError(f"{path} is damaged ({error!r}); remove it to start the training again") from error
 
     def save_periodically(self, folder: str | Path) -> None:
-        """Write the checkpoint if the last one is :data:`SAVE_EVERY` seconds old."""
-        if time.perf_counter() - self._saved < SAVE_EVERY:
+        """Write the checkpoint if the last one is :data:`SAVE_EVERY` seconds old; not after a failed step."""
+        if self.failures or time.perf_counter() - self._saved < SAVE_EVERY:
             return
         arrays = {
             f"{prefix}/{name}": to_numpy(array)
@@ -184,7 +168,7 @@ class TrainingState:
             "optimizer_steps": self.optimizer.steps,
             "averaged": self.average.count,
             "rng": self.rng.bit_generator.state,
-            **{name: getattr(self, name) for name in self._COUNTERS},
+            "progress": {f.name: getattr(self, f.name) for f in fields(Progress)},
         }
         write_arrays(Path(folder) / TRAINING_FILE, arrays, header)
         self._saved = time.perf_counter()
@@ -195,7 +179,7 @@ class TrainingState:
         self._snapshot = arrays, dict(self.optimizer.steps), self.average.count
 
     def restore_snapshot(self) -> None:
-        """Return to the last snapshot, and halve the learning rate."""
+        """Return to the last snapshot, and halve the learning rates."""
         self.rate_scale /= 2
         if self._snapshot is not None:
             arrays, steps, self.average.count = self._snapshot
@@ -203,6 +187,10 @@ class TrainingState:
             for target, array in zip(targets, arrays, strict=True):
                 assign(target, array)
             self.optimizer.steps.update(steps)
+
+    def is_finite(self) -> bool:
+        """Return True if all parameters, moments and arrays of the sampler are finite."""
+        return all(np.isfinite(to_numpy(array)).all() for group in self._groups().values() for array in group.values())
 
     def _groups(self) -> dict[str, Mapping[str, Array]]:
         moments: dict[str, Mapping[str, Array]] = {"first": self.optimizer.first, "second": self.optimizer.second}
@@ -215,32 +203,26 @@ class TrainingState:
 
 
 def save_parts(folder: str | Path, arrays: dict[str, np.ndarray], header: dict[str, Any]) -> None:
-    """Write the arrays and the JSON description of a field, and remove the training checkpoint of the folder."""
-    folder = Path(folder)
-    write_arrays(folder / ARRAYS_FILE, arrays)
-    digest = _digest(read_bytes(folder / ARRAYS_FILE, MAX_ARRAY_BYTES))
-    write_json(folder / "nerf.json", {"version": VERSION, "arrays_sha256": digest, **header})
+    """Write the arrays and the header of a field, and remove the training checkpoint of the folder."""
+    folder, header = Path(folder), {"version": VERSION, **header}
+    write_arrays(folder / FIELD_FILE, arrays, header)
+    write_json(folder / "nerf.json", header)
     (folder / TRAINING_FILE).unlink(missing_ok=True)
 
 
 def load_parts(folder: str | Path) -> tuple[dict[str, np.ndarray], FieldHeader]:
-    """Read the arrays and the JSON description of a field.
+    """Read the arrays and the header of a field.
 
     Raises:
-        DataError: a file is missing, damaged or of another version, or the two files are of different fields.
+        DataError: the file is missing, damaged or of another version.
     """
-    path, arrays = Path(folder) / "nerf.json", Path(folder) / ARRAYS_FILE
-    header = read_json(path, FieldHeader)
-    if header.version != VERSION:
-        raise DataError(f"{path} has version {header.version}, this release reads {VERSION}; fit again")
-    data = read_bytes(arrays, MAX_ARRAY_BYTES)
-    if header.arrays_sha256 != _digest(data):
-        raise DataError(f"{arrays} does not belong to {path.name} beside it: saving was interrupted; fit again")
-    return parse_arrays(data, dict[str, Any], str(arrays))[0], header
-
-
-def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
+    path = Path(folder) / FIELD_FILE
+    arrays, header = read_arrays(path, dict[str, Any])
+    version = header.get("version")
+    if version != VERSION:
+        found = version if isinstance(version, int) else "3 or lower"  # whose header was a file of its own
+        raise DataError(f"{path} has version {found}, this release reads {VERSION}; fit again")
+    return arrays, parse_json(json.dumps(header).encode(), FieldHeader, f"the header of {path}")
 
 
 def settings_to_json(settings: Settings) -> dict[str, Any]:

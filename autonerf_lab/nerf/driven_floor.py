@@ -1,8 +1,8 @@
 """Depth that a robot knows without a depth camera: it saw the floor where it drove, and nothing stands there.
 
 A field trained on colours alone is poor on floors without texture: they bulge, or haze stands on them, and the planner
-finds corridors blocked that the robot itself drove through. Where the whole way from the camera to a point of the floor
-lies in the area that the body of the robot swept, the distance to this point follows from the pose alone.
+finds corridors blocked that the robot itself drove through. Where the whole path from the camera to a point of the
+floor lies over the area that the body of the robot swept, the distance to this point follows from the pose alone.
 """
 
 import numpy as np
@@ -59,13 +59,13 @@ def driven_floor_depth(data: Dataset) -> list[np.ndarray]:
 
 
 def _swept_area(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (X, Y) cells that the robot's body covered on its way, and the (2,) corner of the first cell."""
+    """Return the (X, Y) cells that the robot's body covered on its path, and the (2,) corner of the first cell."""
     origin = positions.min(axis=0) - 2 * AGENT_RADIUS
     size = np.ceil((positions.max(axis=0) + 2 * AGENT_RADIUS - origin) / CELL).astype(np.int64)
     motion = np.diff(positions, axis=0)
     start, motion = positions[:-1], motion * (np.linalg.norm(motion, axis=1) < STEP)[:, None]
-    way = np.concatenate([positions, *(start + share * motion for share in np.arange(0.1, 1, 0.1))])
+    places = np.concatenate([positions, *(start + share * motion for share in np.arange(0.1, 1, 0.1))])
     elsewhere = np.ones(size, bool)
-    elsewhere[tuple(((way - origin) / CELL).astype(np.int64).T)] = False
+    elsewhere[tuple(((places - origin) / CELL).astype(np.int64).T)] = False
     distance: np.ndarray = CELL * ndimage.distance_transform_edt(elsewhere)
     return distance <= AGENT_RADIUS - CELL / 2, origin

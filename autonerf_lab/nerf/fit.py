@@ -91,9 +91,11 @@ def fit(
         UnknownNameError: the model or preset does not exist.
         WrongTypeError: ``model`` is neither a name nor a ModelSpec.
         DataError: the data cannot be learned from, or ``seconds`` is not above 0.
+        RunFolderError: ``checkpoint`` holds a training with other data, seed or settings.
         DeviceError: the device does not exist on this machine.
         MissingPackageError: ``log_dir`` without TensorBoard.
-        TrainingError: the losses stay not finite after retries, or memory is short.
+        TrainingError: the losses stay not finite after retries, the training ends with parameters that are not finite,
+            or memory is short; the last checkpoint is valid.
     """
     check_device(device)
     if seconds is not None and not 0 < seconds < np.inf:
@@ -106,24 +108,9 @@ def fit(
         if chosen.name == "fast":
             settings = scaled_to_area(settings, _explored_area(data))
     settings = replace(settings, steps=steps) if steps is not None else settings
-    settings = _for_data(settings, data)
-    if not settings.depth_weight:
-        data = replace(data, depths=driven_floor_depth(data) if settings.floor_weight else None)
-    frame = FieldFrame.from_dataset(data)
-    rng = np.random.default_rng(seed)
-    positions = frame.to_field(data.poses[:, :3, 3])
-    around = positions if data.metric else positions[inliers(positions)]
-    box = SceneBox.around(around, settings.margin, settings.shell)
-    classes = 0 if data.semantics is None else NUM_CLASSES
     try:
-        built = spec.build(settings, box, len(data), classes, rng, device)
-        if built.pose_offsets is not None:
-            planar = settings.refine_planar
-            built.pose_offsets.planar = is_planar(data.poses) if planar is None else planar
-        pixels = PixelSampler(data, frame, settings.label_distance)
-        if isinstance(built.sampler, DepthGuidedSampler):
-            built.sampler.observe(pixels)
-        state = TrainingState(built, Adam(built.parameters), rng)
+        state, pixels = prepare(data, spec, settings, seed, device)
+        built, frame = state.model, pixels.frame
         if checkpoint is not None:
             limit = {} if seconds is None else {"seconds": seconds}
             state.resume(checkpoint, {"seed": seed, "model": spec.name, "views": _fingerprint(data)} | limit)
@@ -152,7 +139,44 @@ def fit(
     meta |= {"semantics": data.meta["semantics"]} if "semantics" in data.meta else {}
     meta |= {"model": spec.name, "preset": chosen.name, "seed": seed, "steps": state.step}
     meta |= {"train_psnr": state.psnr, "seconds": state.seconds, "skipped_steps": state.skipped}
-    return NeRF(built, poses, data.intrinsics[0], visibility, meta, frame, classes)
+    return NeRF(built, poses, data.intrinsics[0], visibility, meta, frame, _classes(data))
+
+
+def prepare(
+    data: Dataset, spec: ModelSpec, settings: Settings, seed: int = 0, device: str | None = None
+) -> tuple[TrainingState, PixelSampler]:
+    """Return the state of a training before its first step, and the pixels to train on.
+
+    Args:
+        data: see :func:`fit`.
+        spec: recipe of the model.
+        settings: hyper-parameters; those that do not fit the data are changed, see ``state.model.settings``.
+        seed: random seed.
+        device: None for the fastest implementation on the CPU, or a torch device.
+
+    Raises:
+        DataError: the data cannot be learned from.
+    """
+    settings = _for_data(settings, data)
+    if not settings.depth_weight:
+        data = replace(data, depths=driven_floor_depth(data) if settings.floor_weight else None)
+    frame = FieldFrame.from_dataset(data)
+    rng = np.random.default_rng(seed)
+    positions = frame.to_field(data.poses[:, :3, 3])
+    around = positions if data.metric else positions[inliers(positions)]
+    box = SceneBox.around(around, settings.margin, settings.shell)
+    model = spec.build(settings, box, len(data), _classes(data), rng, device)
+    if model.pose_offsets is not None:
+        planar = settings.refine_planar
+        model.pose_offsets.planar = is_planar(data.poses) if planar is None else planar
+    pixels = PixelSampler(data, frame, settings.label_distance)
+    if isinstance(model.sampler, DepthGuidedSampler):
+        model.sampler.observe(pixels)
+    return TrainingState(model, Adam(model.parameters), rng), pixels
+
+
+def _classes(data: Dataset) -> int:
+    return 0 if data.semantics is None else NUM_CLASSES
 
 
 def _explored_area(data: Dataset) -> float:
@@ -182,7 +206,8 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
         )
     if settings.floor_weight and not drove_here(data):
         settings = replace(settings, floor_weight=0.0)
-    if not data.metric or data.meta.get("semantics") in RANDOM_LABELS:
+    # Without depth training, the only depth is that of the driven floor.
+    if not data.metric or not settings.depth_weight or data.meta.get("semantics") in RANDOM_LABELS:
         settings = replace(settings, label_distance=0.0)
     if data.confidences is not None and settings.label_distance:
         settings = replace(settings, rays_by_class=0.0)  # many of the rare predicted labels are wrong
@@ -209,7 +234,11 @@ def _train(
     progress: bool,
     callbacks: list[Callable[[int, Model], None]],
 ) -> None:
-    """Train until the number of steps, or the number of seconds, is reached."""
+    """Train until the number of steps, or the number of seconds, is reached.
+
+    Raises:
+        TrainingError: see :func:`train_step`, or no finite trained parameters are left.
+    """
     settings = state.model.settings
     started = time.perf_counter() - state.seconds
     state.take_snapshot()
@@ -220,7 +249,7 @@ def _train(
             if share >= 1:
                 break
             train_step(state, pixels, share)
-            if share >= 1 - settings.averaged and state.step % AVERAGE_EVERY == 0:
+            if not state.failures and share >= 1 - settings.averaged and state.step % AVERAGE_EVERY == 0:
                 state.average.add()
             bar.update()
             if state.step % 20 == 0:
@@ -229,14 +258,22 @@ def _train(
                 state.save_periodically(checkpoint)
             for callback in callbacks:
                 callback(state.step, state.model)
+    if state.failures and not state.is_finite():  # a batch that was skipped alone leaves the state as it was
+        state.restore_snapshot()
     state.average.apply()
+    untrained = state.skipped and not any(state.optimizer.steps.values())
+    if untrained or not state.is_finite():
+        raise TrainingError(
+            f"no finite trained parameters are left after {state.step} steps, of which {state.skipped} were skipped; "
+            "check the images, poses and settings"
+        )
 
 
 def train_step(state: TrainingState, pixels: PixelSampler, share: float) -> None:
     """Update the model by one batch of pixels, at a share of the training from 0 to 1.
 
     A batch with a loss or gradient that is not finite is skipped. After :data:`PATIENCE` skipped batches in a row, the
-    state returns to its last snapshot with half of the learning rate.
+    state returns to its last snapshot with half of the learning rates.
 
     Raises:
         TrainingError: the training failed again after :data:`MAX_RETRIES` returns; the last checkpoint is valid.
@@ -266,8 +303,8 @@ def train_step(state: TrainingState, pixels: PixelSampler, share: float) -> None
             state.restore_snapshot()
         return
     state.failures = 0
-    rates = model.learning_rates(state.rate_scale * learning_rate(share, model.settings), share)
-    state.optimizer.step(gradients, rates)
+    rates = model.learning_rates(learning_rate(share, model.settings), share)
+    state.optimizer.step(gradients, {name: state.rate_scale * rate for name, rate in rates.items()})
     decibel = float(-10 * np.log10(max(losses["mse"], 1e-10)))
     state.psnr = 0.98 * state.psnr + 0.02 * decibel if state.losses else decibel
     state.losses = losses
@@ -294,6 +331,7 @@ def _finite(value: Array) -> bool:
 def _visibility(model: Model, pixels: PixelSampler, metric: bool, seed: int) -> Visibility:
     """Carve the seen space by the depth that the field renders for a sample of the training rays."""
     rays = pixels.rays(pixels.sample(min(model.settings.seen_rays, len(pixels)), np.random.default_rng(seed)))
+    rays = rays if model.pose_offsets is None else model.pose_offsets.apply(rays)
     _, _, depth, _ = model.render_rays(rays.origins, rays.directions)
     if metric:
         return carve(rays.origins, rays.directions, depth)

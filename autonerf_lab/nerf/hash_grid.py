@@ -32,8 +32,8 @@ class HashGrid:
         """
         cells = np.geomspace(coarse, fine, levels)
         resolutions = np.maximum(np.ceil(size / cells[:, None] - 1e-9), 1).astype(np.int64)
-        corners = np.prod(resolutions + 1, axis=1)
+        corners = np.prod(resolutions + 1.0, axis=1)  # float: those of a large scene exceed int64
         hashed = corners > 2**log2_entries
-        sizes = np.where(hashed, 2**log2_entries, corners)
+        sizes = np.where(hashed, 2**log2_entries, corners).astype(np.int64)
         offsets = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
         return cls(resolutions, offsets, np.where(hashed, sizes - 1, 0).astype(np.int64), int(sizes.sum()))

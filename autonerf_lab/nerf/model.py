@@ -14,7 +14,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -93,7 +93,6 @@ class Sampler(Protocol):
         samples: Samples,
         targets: Targets,
         weights: np.ndarray,
-        field: Field,
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
         """Return gradients and losses of the sampler, given the field's ``weights`` (R, S) of the samples."""
@@ -101,7 +100,11 @@ class Sampler(Protocol):
 
 @runtime_checkable
 class DepthGuidedSampler(Protocol):
-    """A sampler that learns where surfaces are from the depth of the training images, before the training."""
+    """A sampler that learns where surfaces are from the depth of the training images, before the training.
+
+    Its attribute ``observed``, if there is one, holds the arrays by name that a saved field needs of this, but a
+    checkpoint of the training does not: a training that continues observes again.
+    """
 
     def observe(self, pixels: PixelSampler) -> None:
         """Take in the measured depth of the training images."""
@@ -128,6 +131,7 @@ class Model:
     Attributes:
         parameters: all trained arrays by name.
         state: arrays of the sampler that change without a gradient.
+        observed: arrays of the sampler that stay as they were before the training; :class:`DepthGuidedSampler`.
         losses: mean losses of the last training step by name.
         pose_offsets: learned corrections of the training poses; None if the settings do not ask for them.
     """
@@ -139,6 +143,7 @@ class Model:
         if self.pose_offsets is not None:
             self.parameters |= self.pose_offsets.parameters
         self.state = sampler.state
+        self.observed: dict[str, np.ndarray] = getattr(sampler, "observed", {})
         self.losses: dict[str, float] = {}
         self._lock = threading.RLock()  # field and sampler reuse buffers: a viewer renders while others do
 
@@ -163,7 +168,7 @@ class Model:
     def train_step(self, rays: Rays, targets: Targets, rng: np.random.Generator) -> tuple[Arrays, dict[str, float]]:
         """Return the gradients by parameter name and the mean losses of a batch.
 
-        The gradients may be buffers that the next step reuses.
+        The gradients may be buffers to which the next step adds, unless the optimiser has cleared them.
         """
         jitter = rng.random(len(rays), dtype=np.float32)
         rays = replace(rays, depth=targets.depth)
@@ -176,7 +181,7 @@ class Model:
             samples = self.sampler.sample(rays, jitter)
             output = self.field.train(rays, samples, targets, rng, True)
             d_offsets = self.pose_offsets.gradients(rays, output)
-        gradients, losses = self.sampler.learn(rays, samples, targets, output.weights, self.field, rng)
+        gradients, losses = self.sampler.learn(rays, samples, targets, output.weights, rng)
         self.losses = {**output.losses, **losses}
         return {**output.gradients, **gradients, **d_offsets}, self.losses
 
@@ -186,14 +191,14 @@ class Model:
         """Render any number of rays, in chunks.
 
         Args:
-            rays_o: (N, 3) float32 origins, metres.
+            rays_o: (N, 3) float32 origins.
             rays_d: (N, 3) float32 unit directions.
 
         Returns:
-            color (N, 3), logits (N, C), depth (N,) median distance along the ray in metres, opacity (N,); float32.
+            color (N, 3), logits (N, C), depth (N,) median distance along the ray, opacity (N,); float32.
         """
         parts = []
-        for first in range(0, len(rays_o), RENDER_CHUNK):
+        for first in range(0, max(len(rays_o), 1), RENDER_CHUNK):
             rays = Rays(rays_o[first : first + RENDER_CHUNK], rays_d[first : first + RENDER_CHUNK])
             with self._lock, _no_gradients():
                 output = self.field.render(rays, self._evaluation_samples(rays))
@@ -209,7 +214,7 @@ class Model:
         The distances of the samples are held fixed, as in training. Rays are processed in chunks.
 
         Args:
-            rays_o: (N, 3) float32 origins, metres.
+            rays_o: (N, 3) float32 origins.
             rays_d: (N, 3) float32 unit directions.
             target: (N, 3) float32 colours in [0, 1].
 
@@ -217,7 +222,7 @@ class Model:
             error (N,), mean over the channels; gradients (N, 3) of origins and of unit directions.
         """
         parts = []
-        for first in range(0, len(rays_o), GRADIENT_CHUNK):
+        for first in range(0, max(len(rays_o), 1), GRADIENT_CHUNK):
             chunk = slice(first, first + GRADIENT_CHUNK)
             rays = Rays(rays_o[chunk], rays_d[chunk])
             with self._lock:
@@ -247,7 +252,7 @@ class ModelSpec:
 
     settings: Mapping[str, Settings]  # by preset
     build: Callable[..., Model]
-    name: str = field(default="custom")
+    name: str = "custom"
 
     def settings_for(self, preset: str) -> Settings:
         """Return the hyper-parameters of a preset.

@@ -5,13 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from autonerf_lab.nerf.kernels.adam import MAX_GRADIENT, adam
+from autonerf_lab.nerf.kernels.adam import BETA_1, BETA_2, EPSILON, MAX_GRADIENT, adam
 from autonerf_lab.nerf.ray_batch import Array, Arrays, assign, to_numpy
 
 if TYPE_CHECKING:
     import torch
-
-BETA_1, BETA_2, EPSILON = 0.9, 0.99, 1e-15  # values of Nerfacto
 
 
 class Adam:
@@ -88,9 +86,8 @@ def _zeros_like(value: Array) -> Array:
 
 
 def _update_array(p: np.ndarray, g: np.ndarray, m: np.ndarray, v: np.ndarray, rate: float, step: int) -> None:
-    first, second, epsilon = np.float32(BETA_1), np.float32(BETA_2), np.float32(EPSILON)
     p, g, m, v = (array.reshape(-1) for array in (p, g, m, v))
-    adam(p, g, m, v, np.float32(rate), first, second, epsilon, step)
+    adam(p, g, m, v, np.float32(rate), step)
 
 
 def _update_tensor(

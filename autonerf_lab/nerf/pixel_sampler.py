@@ -17,11 +17,11 @@ class PixelSampler:
         data: posed images.
         frame: conversion to the coordinates of the field.
         label_distance: the weight of a label is its confidence times min(1, (label_distance / depth)²), because a
-            segmenter sees more of what is near; in the unit of the depth images. 0: its confidence.
+            segmenter sees more of what is near; in the unit of the measured depth images. 0: its confidence.
     """
 
     def __init__(self, data: Dataset, frame: FieldFrame, label_distance: float = 0.0) -> None:
-        self.names = data.names
+        self.names, self.frame = data.names, frame
         self.poses = frame.poses_to_field(data.poses).astype(np.float32)
         sizes = [image.shape[0] * image.shape[1] for image in data.images]
         self.first = np.concatenate([[0], np.cumsum(sizes)])  # first pixel of each image
@@ -32,7 +32,6 @@ class PixelSampler:
         self._label_distance = label_distance
         used = _flat(data.masks)
         self._used = None if used is None else np.flatnonzero(used)  # pixels that may be sampled; None: all
-        self._unit = np.float32(frame.unit)
         self._width = np.array([camera.width for camera in data.intrinsics])
         self._focal = np.array([(camera.fl_x, camera.fl_y) for camera in data.intrinsics])
         self._center = np.array([(camera.cx, camera.cy) for camera in data.intrinsics])
@@ -110,7 +109,7 @@ class PixelSampler:
             if trust is not None and self._label_distance:
                 trust *= self._share_of_near(measured)
             length = np.linalg.norm(self._directions(pixels)[1], axis=1).astype(np.float32)
-            depth = measured * length / self._unit
+            depth = measured * length / np.float32(self.frame.unit)
         return Targets(color, labels, depth, trust)
 
     def _share_of_near(self, depth: np.ndarray) -> np.ndarray:

@@ -45,8 +45,8 @@ def level_weights(levels: int, share: float) -> np.ndarray:
 class PoseOffsets:
     """A small rigid motion for each training pose: a rotation vector and a translation, both in the world frame.
 
-    Pose k becomes (exp([omega_k]x) R_k, t_k + v_k). The penalties on the squared lengths are those of nerfstudio's
-    camera optimiser; they keep correct poses where they are.
+    Pose k becomes (exp([omega_k]x) R_k, t_k + v_k). Penalties on the mean squared lengths keep correct poses where they
+    are. Their weights are those of nerfstudio's camera optimiser, which penalises mean lengths.
 
     Args:
         count: number of training poses.

@@ -10,7 +10,7 @@ import numpy as np
 from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.errors import DataError, UnknownNameError
 from autonerf_lab.geometry import Intrinsics, camera_rays
-from autonerf_lab.nerf.checkpoint import FieldHeader, load_parts, save_parts, settings_to_json
+from autonerf_lab.nerf.checkpoint import FIELD_FILE, FieldHeader, load_parts, save_parts, settings_to_json
 from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.model import Model, ModelSpec, check_device
 from autonerf_lab.nerf.models import MODELS, model_spec
@@ -26,8 +26,7 @@ MAX_COORDINATE = 1e9  # of points, in units of the poses; squares of larger floa
 class NeRF:
     """A trained model with its training poses. Points and poses are in the world frame of the training poses.
 
-    The methods raise a :class:`~autonerf_lab.errors.DataError` for points, poses and rays that are not finite, except
-    :meth:`seen`.
+    The methods raise a :class:`~autonerf_lab.errors.DataError` for points, poses and rays that are not finite.
 
     Args:
         model: field architecture and sampler, with the trained parameters.
@@ -119,7 +118,7 @@ class NeRF:
         return error, d_o / np.float32(self.frame.unit), (d_unit - along * directions) / length[:, None]
 
     def save(self, folder: str | Path) -> None:
-        """Write ``nerf.safetensors`` and ``nerf.json``; :func:`load_nerf` reads them.
+        """Write ``nerf.safetensors``, which :func:`load_nerf` reads, and ``nerf.json``, a copy of its header.
 
         A training checkpoint in the folder is removed.
 
@@ -128,7 +127,7 @@ class NeRF:
         """
         model, visibility = self.model, self.visibility
         arrays = {f"parameter/{name}": to_numpy(value) for name, value in model.parameters.items()}
-        arrays |= {f"state/{name}": value for name, value in model.state.items()}
+        arrays |= {f"state/{name}": value for name, value in {**model.state, **model.observed}.items()}
         arrays |= {"cameras": self.poses, "visibility": np.packbits(visibility.seen)}
         name = self.meta.get("model")
         header = {
@@ -156,21 +155,21 @@ def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | 
     """Load a saved field; it need not run on the device on which it was trained.
 
     Args:
-        folder: holds ``nerf.json``.
+        folder: holds ``nerf.safetensors``.
         device: None for the CPU, or a torch device.
         model: the recipe of a model that is not registered.
 
     Raises:
-        DataError: a file is missing, damaged or of another version, or the model is not installed.
+        DataError: the file is missing, damaged or of another version, or the model is not installed.
         DeviceError: the device does not exist on this machine.
 
     Example:
         >>> load_nerf("/nowhere")
         Traceback (most recent call last):
-        autonerf_lab.errors.DataError: /nowhere/nerf.json does not exist
+        autonerf_lab.errors.DataError: /nowhere/nerf.safetensors does not exist
     """
     check_device(device)
-    path = Path(folder) / "nerf.json"
+    path = Path(folder) / FIELD_FILE
     arrays, header = load_parts(folder)
     spec = model or _installed_model(header, path)
     try:
@@ -184,7 +183,7 @@ def load_nerf(folder: str | Path, device: str | None = None, model: ModelSpec | 
             raise ValueError("poses have the wrong shape, or values are not finite")
         box = SceneBox(center, half, header.box.shell)
         built = spec.build(settings, box, len(poses), header.classes, np.random.default_rng(0), device)
-        for prefix, group in (("parameter", built.parameters), ("state", built.state)):
+        for prefix, group in (("parameter", built.parameters), ("state", built.state), ("state", built.observed)):
             for name in group:
                 restore(group, name, arrays[f"{prefix}/{name}"])
         grid = header.visibility
@@ -217,9 +216,9 @@ def _installed_model(header: FieldHeader, path: Path) -> ModelSpec:
         return model_spec(name)
     except UnknownNameError as error:
         # Names from a file are quoted and shortened.
-        way_out = "" if package is None else f"install the package {str(package)[:80]!r}, if you trust it, or "
+        advice = "" if package is None else f"install the package {str(package)[:80]!r}, if you trust it, or "
         raise DataError(
-            f"{path} needs the model {name[:80]!r}, which is not installed; {way_out}pass it: "
+            f"{path} needs the model {name[:80]!r}, which is not installed; {advice}pass it: "
             "load_nerf(folder, model=...)"
         ) from error
 

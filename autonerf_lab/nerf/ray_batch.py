@@ -1,4 +1,7 @@
-"""Records exchanged by fields, samplers and models. R: rays, S: samples per ray, C: classes."""
+"""Records exchanged by fields, samplers and models. R: rays, S: samples per ray, C: classes.
+
+Lengths are in units of the field, which are metres for trajectories.
+"""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,10 +22,10 @@ Arrays = dict[str, Any]  # name -> Array
 class Rays:
     """R rays in the coordinates of the field; any number of them."""
 
-    origins: np.ndarray  # (R, 3) float32, metres
+    origins: np.ndarray  # (R, 3) float32
     directions: np.ndarray  # (R, 3) float32, unit
     frames: np.ndarray | None = None  # (R,) int64, index of the training image of each ray; None: not from an image
-    depth: np.ndarray | None = None  # (R,) float32, measured metres along the ray, NO_DEPTH for none; None: new view
+    depth: np.ndarray | None = None  # (R,) float32, measured along the ray, NO_DEPTH for none; None: new view
 
     def __len__(self) -> int:
         """Return the number of rays."""
@@ -35,7 +38,7 @@ class Targets:
 
     color: np.ndarray  # (R, 3) float32 in [0, 1]
     labels: np.ndarray  # (R,) int64 class index, NO_LABEL for none
-    depth: np.ndarray  # (R,) float32, metres along the ray, NO_DEPTH for none
+    depth: np.ndarray  # (R,) float32, along the ray, NO_DEPTH for none
     trust: np.ndarray | None = None  # (R,) float32, weight of the label in the loss, its confidence; None: 1
 
 
@@ -43,13 +46,13 @@ class Targets:
 class Samples:
     """S bins on each ray, ordered and without overlap. Space between two bins counts as empty."""
 
-    starts: np.ndarray  # (R, S) float32, metres along the ray
+    starts: np.ndarray  # (R, S) float32, along the ray
     ends: np.ndarray  # (R, S) float32
     record: Any = None  # data that the sampler stores for its own training step
 
     @property
     def midpoints(self) -> np.ndarray:
-        """(R, S) float32 distances at which the field is queried, metres."""
+        """(R, S) float32 distances at which the field is queried."""
         return np.float32(0.5) * (self.starts + self.ends)
 
     @classmethod
@@ -75,7 +78,7 @@ class RenderOutput:
 
     color: np.ndarray  # (R, 3) float32; the remaining transmittance shows black
     logits: np.ndarray  # (R, C) float32
-    depth: np.ndarray  # (R,) float32, metres along the ray, median of the weights
+    depth: np.ndarray  # (R,) float32, along the ray, median of the weights
     weights: np.ndarray  # (R, S) float32
 
 

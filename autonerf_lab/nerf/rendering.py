@@ -1,28 +1,25 @@
 """Volume rendering, sampling and losses of rays in torch: the readable reference of the fused kernels.
 
 Shapes: (R, S) bins on R rays, from ``starts`` to ``ends`` (R, S), or between ``edges`` (R, S + 1) where bins touch;
-distances in metres. CUDA trains with these functions. On the CPU, :mod:`autonerf_lab.nerf.kernels` computes the same,
-and tests compare both.
+lengths in units of the field, which are metres for trajectories, and densities per unit. CUDA trains with these
+functions. On the CPU, :mod:`autonerf_lab.nerf.kernels` computes the same, and tests compare both.
 """
 
 import math
 
 import torch
 
+from autonerf_lab.nerf.kernels import ray_marching, tiling, volume_rendering
 from autonerf_lab.nerf.settings import Settings
 
-# Added to the output of the density network, which starts near 0: the initial density is low enough for rays to reach
-# the walls.
-LOG_SIGMA_START = -2.5
-OPAQUE = 1e-2  # transmittance by the densities of a grid, below which a ray may stop
-DARK_DEPTH = 9.2  # optical depth in a field behind which a ray is dark: a transmittance of 1e-4
-MAX_LOG_SIGMA = 9.6  # upper limit of the log density
-SMALLEST = 1e-12  # smallest divisor
-MAX_ERROR = 1e3  # metres; larger errors of a signed distance count linearly: the square could exceed float32
+# The constants of the kernels, as numbers that torch takes.
+LOG_SIGMA_START, MAX_LOG_SIGMA = float(volume_rendering.LOG_SIGMA_START), float(volume_rendering.MAX_LOG_SIGMA)
+OPAQUE, DARK_DEPTH = float(ray_marching.OPAQUE), float(ray_marching.DARK_DEPTH)
+SMALLEST, MAX_ERROR = float(tiling.SMALLEST), float(volume_rendering.MAX_ERROR)
 
 
 def density_from_raw(raw: torch.Tensor) -> torch.Tensor:
-    """Return the density per metre for the first output of a density network."""
+    """Return the density for the first output of a density network."""
     return torch.exp((raw + LOG_SIGMA_START).clamp(max=MAX_LOG_SIGMA))
 
 
@@ -30,7 +27,7 @@ def weights_from_density(sigma: torch.Tensor, starts: torch.Tensor, ends: torch.
     """Return the volume-rendering weights w_i = T_i (1 - exp(-sigma_i delta_i)) of section 3.2.
 
     Args:
-        sigma: (R, S) per metre.
+        sigma: (R, S) densities.
         starts, ends: (R, S).
 
     Returns:
@@ -61,7 +58,7 @@ def median_depth(weights: torch.Tensor, starts: torch.Tensor, ends: torch.Tensor
 
 
 def warp(t: torch.Tensor, turn: float) -> torch.Tensor:
-    """Map a distance to s in [0, 1): linear up to ``turn`` metres, then linear in disparity (piecewise sampling).
+    """Map a distance to s in [0, 1): linear up to ``turn``, then linear in disparity (piecewise sampling).
 
     Example:
         >>> warp(torch.tensor([2.0, 4.0, 8.0]), turn=4.0)
@@ -79,8 +76,8 @@ def first_edges(near: float, far: float, turn: float, jitter: torch.Tensor, bins
     """Return the bin edges of piecewise sampling: equal steps of s, inner edges shifted by the jitter of each ray.
 
     Args:
-        near, far: ends of the rays, metres.
-        turn: distance where the warp changes from linear to disparity, metres.
+        near, far: ends of the rays.
+        turn: distance where the warp changes from linear to disparity.
         jitter: (R,) in [0, 1); 0.5 for evaluation.
         bins: number of bins.
 
@@ -124,10 +121,10 @@ def occupied_bins(
     """Place bins of equal length in the occupied steps of each ray, until it is opaque and has covered ``reach``.
 
     Args:
-        edges: (R, P + 1) distances between which the grid is queried, metres.
-        density: (R, P) of the grid at the midpoints of the steps, per metre.
+        edges: (R, P + 1) distances between which the grid is queried.
+        density: (R, P) of the grid at the midpoints of the steps.
         threshold: smallest density of an occupied step; a ray without such a step is divided over its whole length.
-        reach: smallest length of occupied space that a ray crosses, metres.
+        reach: smallest length of occupied space that a ray crosses.
         jitter: (R,) in [0, 1).
         bins: number of bins.
 
@@ -160,8 +157,8 @@ def visible_bins(
     """Divide the marched bins of each ray, up to the one behind which it is dark, into bins of equal length.
 
     Args:
-        starts, ends: (R, M) of the marched bins, metres.
-        density: (R, M) of the field in them, per metre.
+        starts, ends: (R, M) of the marched bins.
+        density: (R, M) of the field in them.
         jitter: (R,) in [0, 1).
         bins: number of bins.
 
@@ -196,7 +193,7 @@ def surface_loss(
     Args:
         raw: (R, S) outputs that :func:`density_from_raw` converts.
         starts, ends: (R, S).
-        depth: (R,) measured distances, metres; 0 for none.
+        depth: (R,) measured distances; 0 for none.
         settings: the profile of the density.
     """
     behind = (starts + ends) / 2 - depth[:, None]

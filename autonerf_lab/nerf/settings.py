@@ -13,6 +13,7 @@ MAY_BE_ZERO = {
     *("appearance", "interlevel_weight", "skip"),
 }
 APARTMENT = 160.0  # m² of explored area, above that of every apartment: settings for larger homes grow with the area
+FINEST, LONGEST = 1e-3, 20.0  # of fused distances, metres: they are stored in int16 millimetres
 SHARES = {"rays_by_class", "warmup", "averaged", "min_weight", "decay"}  # at most 1
 
 
@@ -24,9 +25,7 @@ class Settings:
     rays: int = 1536  # per step; multiples of 16 need no padding
     near: float = 0.05  # start of a ray
     far: float = 16.0  # end of a ray
-    turn: float = (
-        4.0  # half of the bins lie before this distance with equal lengths, the others grow (d_s of the paper)
-    )
+    turn: float = 4.0  # bins before this distance have equal lengths, and grow behind it (d_s of the paper)
     margin: float = 1.5  # distance from the training positions to the faces of the scene box
     shell: float = 0.25  # thickness of the shell that holds the rest of the world, half sizes of the box
     view_dependent: bool = True  # colours depend on the viewing direction
@@ -34,11 +33,12 @@ class Settings:
     label_distance: float = 0.0  # metres; predicted labels beyond it count less, by the inverse square; 0: equally
     rays_by_class: float = 0.2  # share of rays sampled by class, so that small objects are seen often enough
     distortion_weight: float = 0.002
-    depth_weight: float = 0.0  # of the squared error of signed distances, per m²; depth images are used if above 0
+    # Of the squared error of signed distances, per m²; depth images and ``label_distance`` are used if above 0.
+    depth_weight: float = 0.0
     floor_weight: float = 2.25  # of this error where the floor that the robot drove over is seen, if depth is not used
     surface_density: float = 67.0  # per metre, at a measured surface
     sharpness: float = 120.0  # growth of the log density through a measured surface, per metre
-    free_density: float = 0.0015  # largest density in measured free space, per metre
+    free_density: float = 0.0015  # largest density in measured free space, per metre (see ``min_weight``)
     behind: float = 0.04  # distance behind a measured surface in which densities are compared
     refine_cameras: bool = False  # learn a correction of each training pose, a 6-vector
     refine_planar: bool | None = None  # corrected in x, y and heading only; None: if the poses differ in nothing else
@@ -64,6 +64,13 @@ class Settings:
         """Weight of the error of signed distances, from measured depth or from the floor that the robot drove over."""
         return self.depth_weight or self.floor_weight
 
+    def _check_length(self, name: str, least: float, most: float | str) -> None:
+        """Check the range of a length; ``most`` may name the setting that is the upper limit."""
+        value, limit = getattr(self, name), getattr(self, most) if isinstance(most, str) else most
+        if not least <= value <= limit:
+            shown = f"{most}={limit}" if isinstance(most, str) else f"{most:g}"
+            raise DataError(f"settings: {name} must be from {least:g} to {shown}, not {value}")
+
     def _check_sizes(self, hidden: tuple[str, ...], levels: str, log2_entries: str) -> None:
         """Check the sizes of a hash field: layers are multiples of 4, and the tables fit into memory."""
         for name in hidden:
@@ -83,7 +90,7 @@ class HashSettings(Settings):
     """Settings of a field on a multi-resolution hash table (section 3.2)."""
 
     samples: int = 24  # bins per ray at which the field is evaluated
-    min_weight: float = 1e-3  # samples of less weight are skipped: no colour, no gradient
+    min_weight: float = 1e-3  # samples of less weight have no colour, and a gradient only near measured surfaces
     levels: int = 10  # of the hash grid
     log2_entries: int = 18  # largest table of a level
     coarse: float = 0.8  # side of the largest cells
@@ -100,8 +107,7 @@ class HashSettings(Settings):
         self._check_sizes(("hidden", "appearance"), "levels", "log2_entries")
         if self.semantic_layers not in (1, 2):
             raise DataError(f"settings: semantic_layers must be 1 or 2, not {self.semantic_layers}")
-        if not 1e-4 <= self.fine <= self.coarse:
-            raise DataError(f"settings: fine must be from 0.0001 to coarse={self.coarse}, not {self.fine}")
+        self._check_length("fine", 1e-4, "coarse")
 
 
 @dataclass(frozen=True)
@@ -122,10 +128,7 @@ class ProposalSettings(HashSettings):
         """Check types, ranges and sizes, as :meth:`Settings.__post_init__`."""
         super().__post_init__()
         self._check_sizes(("proposal_hidden",), "proposal_levels", "proposal_log2_entries")
-        if not 1e-4 <= self.proposal_fine <= self.coarse:
-            raise DataError(
-                f"settings: proposal_fine must be from 0.0001 to coarse={self.coarse}, not {self.proposal_fine}"
-            )
+        self._check_length("proposal_fine", 1e-4, "coarse")
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,12 @@ class SurfaceSettings(HashSettings):
     fused_rays: int = 6_000_000  # largest number of pixels that are fused
     label_distance: float = 1.0
 
+    def __post_init__(self) -> None:
+        """Check types, ranges and sizes, as :meth:`Settings.__post_init__`."""
+        super().__post_init__()
+        self._check_length("truncation", FINEST, LONGEST)
+        self._check_length("voxel", FINEST, "truncation")
+
 
 @dataclass(frozen=True)
 class OccupancySettings(HashSettings):
@@ -157,6 +166,12 @@ class OccupancySettings(HashSettings):
     occupied: float = 0.1  # smallest density of an occupied cell, per metre
     reach: float = 2.0  # length of occupied space that a ray crosses before the grid may end it
     marched: int = 32  # bins per ray in which the density of the field tells where the ray is dark
+
+    def __post_init__(self) -> None:
+        """Check types, ranges and sizes, as :meth:`Settings.__post_init__`."""
+        super().__post_init__()
+        if self.depth_weight:  # depth is fused with this truncation, and voxels of half of it
+            self._check_length("cell", 2 * FINEST, LONGEST)
 
 
 @dataclass(frozen=True)
@@ -182,8 +197,9 @@ def scaled_to_area(settings: Settings, area: float) -> Settings:
     """Return settings for a trajectory that explored an area, m²: those of an apartment up to :data:`APARTMENT`.
 
     Beyond, with g = 2 area / APARTMENT - 1: steps and rays that carve the visibility grid grow by the factor g, the
-    largest distance along a ray by sqrt(g), and hash tables in proportion to the area, to the nearest power of two.
-    Models that train on depth need fewer steps; theirs grow in proportion to the area.
+    largest distance along a ray by sqrt(g), and hash tables in proportion to the area, to the nearest power of two, up
+    to the largest that the settings allow. Models that train on depth need fewer steps; theirs grow in proportion to
+    the area.
 
     Example:
         >>> small, large = (scaled_to_area(HashSettings(), area) for area in (60, 300))
@@ -194,18 +210,19 @@ def scaled_to_area(settings: Settings, area: float) -> Settings:
         return settings
     growth = 2 * area / APARTMENT - 1
     steps = settings.steps * (area / APARTMENT if settings.depth_weight else growth)
-    changes: dict[str, Any] = {"steps": round(steps), "seen_rays": round(settings.seen_rays * growth)}
-    changes["far"] = settings.far * math.sqrt(growth)
-    for name in ("log2_entries", "proposal_log2_entries"):
-        if hasattr(settings, name):
-            changes[name] = getattr(settings, name) + round(math.log2(area / APARTMENT))
+    seen_rays = min(round(settings.seen_rays * growth), MAX_COUNT)
+    changes: dict[str, Any] = {"steps": round(steps), "seen_rays": seen_rays, "far": settings.far * math.sqrt(growth)}
+    for prefix in ("", "proposal_"):
+        if hasattr(settings, name := f"{prefix}log2_entries"):
+            largest = (MAX_COUNT // getattr(settings, f"{prefix}levels")).bit_length() - 1
+            changes[name] = min(getattr(settings, name) + round(math.log2(area / APARTMENT)), largest)
     return replace(settings, **changes)
 
 
 def _check_value(name: str, value: Any, kind: Any) -> None:
     """Check the type and the range of one setting."""
-    if kind is bool:
-        valid, wanted = isinstance(value, bool), "True or False"
+    if kind in (bool, bool | None):
+        valid, wanted = isinstance(value, kind), "True or False" if kind is bool else "True, False or None"
     elif kind is int:
         least = 0 if name in MAY_BE_ZERO else 1
         valid = isinstance(value, int) and not isinstance(value, bool) and least <= value <= MAX_COUNT

@@ -98,11 +98,15 @@ def write_json(path: str | Path, content: object) -> None:
     Raises:
         DataError: The file cannot be written, or a value has no JSON representation.
     """
+    write_bytes(path, _json_text(path, content, indent=1).encode() + b"\n")
+
+
+def _json_text(path: str | Path, content: object, indent: int | None = None) -> str:
+    """Return content as JSON, which allows finite numbers only; ``path`` is named in errors."""
     try:
-        text = json.dumps(content, indent=1, allow_nan=False)
+        return json.dumps(content, indent=indent, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise DataError(f"cannot write {path}: {error}") from error
-    write_bytes(path, text.encode() + b"\n")
 
 
 def check_file(path: str | Path, max_bytes: int = MAX_BYTES) -> None:
@@ -180,7 +184,7 @@ def write_arrays(path: str | Path, arrays: dict[str, np.ndarray], header: dict[s
     """Write named arrays as safetensors, with an optional JSON ``header`` in the metadata.
 
     Raises:
-        DataError: The file cannot be written.
+        DataError: The file cannot be written, or a value of the header has no JSON representation.
 
     Example:
         >>> import tempfile; path = Path(tempfile.mkdtemp()) / "a.safetensors"
@@ -189,7 +193,7 @@ def write_arrays(path: str | Path, arrays: dict[str, np.ndarray], header: dict[s
         [[1, 4], [2, 5], [3, 6]]
     """
     contiguous = {name: np.asarray(array, order="C") for name, array in arrays.items()}  # `save` requires C order
-    write_bytes(path, save(contiguous, None if header is None else {"header": json.dumps(header)}))
+    write_bytes(path, save(contiguous, None if header is None else {"header": _json_text(path, header)}))
 
 
 def read_arrays(path: str | Path, header: type[T]) -> tuple[dict[str, np.ndarray], T]:

@@ -5,7 +5,7 @@ import pytest
 
 NAMES = (
     *("scene.json", "semantics.json", "mesh.glb", "mesh.ply", "mesh.obj", "trajectory", "photographs", "rgb.png"),
-    *("depth.png", "classes.png", "nerf.json", "nerf.safetensors", "training.safetensors", "policy.json"),
+    *("depth.png", "classes.png", "nerf.safetensors", "training.safetensors", "policy.json"),
     *("policy.safetensors", "checkpoint.safetensors", "imitation.safetensors"),
     *("run.json", "outputs.json", "grid.json", "cell.json"),
     *("scores.json", "figures.json"),

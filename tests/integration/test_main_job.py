@@ -165,10 +165,11 @@ def test_finished_run_is_refused(finished, capsys):
 
 def test_same_seed_gives_the_same_field(run):
     """The stage runs again in a new process."""
-    before = (run / "nerf/nerf.safetensors").read_bytes()
+    before, _ = storage.read_arrays(run / "nerf/nerf.safetensors", dict)
     result = command("fit", run, "--overwrite")
     assert result.returncode == 0, result.stderr
-    assert (run / "nerf/nerf.safetensors").read_bytes() == before
+    after, _ = storage.read_arrays(run / "nerf/nerf.safetensors", dict)  # the header has the seconds of the training
+    assert after.keys() == before.keys() and all((after[name] == before[name]).all() for name in before)
 
 
 def test_trajectory_of_another_scene(run, capsys):
@@ -186,7 +187,6 @@ def test_trajectory_of_another_scene(run, capsys):
         ("trajectory/images/frame_00030.png", "fit"),
         ("trajectory/transforms.json", "fit"),
         ("nerf/nerf.safetensors", "evaluate"),
-        ("nerf/nerf.json", "mesh"),
         ("scores.json", "report"),
         ("figures/evaluate_overlay.png", "report"),
     ],

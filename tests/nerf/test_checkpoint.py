@@ -1,8 +1,7 @@
 """Checkpoints of a training: content, rhythm, snapshots, and files that do not fit. A model of two arrays is enough."""
 
-import hashlib
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +10,15 @@ import pytest
 
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.nerf import checkpoint
-from autonerf_lab.nerf.checkpoint import TRAINING_FILE, TrainingState, load_parts, save_parts, settings_to_json
+from autonerf_lab.nerf.checkpoint import (
+    FIELD_FILE,
+    TRAINING_FILE,
+    Progress,
+    TrainingState,
+    load_parts,
+    save_parts,
+    settings_to_json,
+)
 from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
 from autonerf_lab.nerf.optimizer import Adam
 from autonerf_lab.utils.storage import read_arrays, write_arrays
@@ -34,7 +41,7 @@ def saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TrainingState:
     state = training(5.0, seed=9)
     state.resume(tmp_path, {"seed": 3})  # nothing to resume yet
     state.step, state.psnr, state.seconds, state.losses = 12, 20.5, 3.25, {"mse": 0.5}
-    state.skipped, state.failures, state.rate_scale = 2, 1, 0.25
+    state.skipped, state.rate_scale = 2, 0.25
     state.optimizer.steps["w"] = 11
     state.average.add()
     state.rng.random(7)
@@ -46,8 +53,8 @@ def saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TrainingState:
 def test_a_resumed_training_has_the_state_of_the_saved_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before, after = saved(tmp_path, monkeypatch), training()
     after.resume(tmp_path, {"seed": 3})
-    for name in ("step", "psnr", "seconds", "losses", "skipped", "failures", "rate_scale"):
-        assert getattr(after, name) == getattr(before, name), name
+    for entry in fields(Progress):
+        assert getattr(after, entry.name) == getattr(before, entry.name) != getattr(Progress(), entry.name), entry.name
     assert after.optimizer.steps == {"w": 11} and after.rng.random() == before.rng.random()
     assert (after.model.parameters["w"] == 5).all() and (after.model.state["grid"] == 5).all()
     assert (after.optimizer.first["w"] == 6).all() and (after.optimizer.second["w"] == 7).all()
@@ -125,6 +132,14 @@ def test_checkpoints_are_20_seconds_apart(tmp_path: Path, monkeypatch: pytest.Mo
         path.unlink(missing_ok=True)
 
 
+def test_no_checkpoint_is_written_after_a_failed_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    state, path = saved(tmp_path, monkeypatch), tmp_path / TRAINING_FILE
+    before = path.read_bytes()
+    state.model.parameters["w"][:], state.failures = np.nan, 1
+    state.save_periodically(tmp_path)
+    assert path.read_bytes() == before and not state.is_finite()
+
+
 def test_a_snapshot_brings_back_parameters_and_moments_and_halves_the_rate() -> None:
     state = training(1.0)
     state.restore_snapshot()
@@ -150,23 +165,46 @@ def header(**change: object) -> dict:
     }
 
 
-def test_a_field_is_two_files_and_ends_its_training(tmp_path: Path) -> None:
+def test_a_saved_field_ends_its_training(tmp_path: Path) -> None:
     (tmp_path / TRAINING_FILE).touch()
     save_parts(tmp_path, {"a": np.arange(3)}, header())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["nerf.json", "nerf.safetensors"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["nerf.json", FIELD_FILE]
     arrays, found = load_parts(tmp_path)
     assert arrays["a"].tolist() == [0, 1, 2] and found.classes == 16 and found.package is None
-    assert found.version == json.loads((tmp_path / "nerf.json").read_text())["version"] == 3
-    assert found.arrays_sha256 == hashlib.sha256((tmp_path / "nerf.safetensors").read_bytes()).hexdigest()
+    assert json.loads((tmp_path / "nerf.json").read_text()) == {"version": 4, **header()}
 
 
-def test_files_of_another_version_or_of_another_field_are_refused(tmp_path: Path) -> None:
-    save_parts(tmp_path, {"a": np.arange(3)}, header(version=2))
-    with pytest.raises(DataError, match=r"nerf\.json has version 2, this release reads 3; fit again"):
+@pytest.mark.parametrize(("name", "value"), [("write_arrays", 0), ("write_json", 1)])
+def test_an_interrupted_save_leaves_the_old_or_the_new_field(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: int
+) -> None:
+    save_parts(tmp_path, {"a": np.zeros(3)}, header(classes=0))
+    (tmp_path / TRAINING_FILE).touch()
+
+    def full(*_: object) -> None:
+        raise DataError("the disk is full")
+
+    with monkeypatch.context() as patch, pytest.raises(DataError, match="full"):
+        patch.setattr(checkpoint, name, full)
+        save_parts(tmp_path, {"a": np.ones(3)}, header(classes=1))
+    arrays, found = load_parts(tmp_path)
+    assert arrays["a"].tolist() == 3 * [value] and found.classes == value
+    assert (tmp_path / TRAINING_FILE).exists()
+
+
+def test_a_header_without_a_json_representation_leaves_the_old_field(tmp_path: Path) -> None:
+    save_parts(tmp_path, {"a": np.zeros(3)}, header())
+    with pytest.raises(DataError, match=r"cannot write .*nerf\.safetensors: .*JSON"):
+        save_parts(tmp_path, {"a": np.ones(3)}, header(meta={"train_psnr": float("nan")}))
+    assert load_parts(tmp_path)[0]["a"].tolist() == [0, 0, 0]
+
+
+def test_files_of_another_version_are_refused(tmp_path: Path) -> None:
+    save_parts(tmp_path, {"a": np.arange(3)}, header(version=5))
+    with pytest.raises(DataError, match=r"nerf\.safetensors has version 5, this release reads 4; fit again"):
         load_parts(tmp_path)
-    save_parts(tmp_path, {"a": np.arange(3)}, header())
-    write_arrays(tmp_path / "nerf.safetensors", {"a": np.arange(4)})
-    with pytest.raises(DataError, match=r"nerf\.safetensors does not belong to nerf\.json beside it"):
+    write_arrays(tmp_path / FIELD_FILE, {"a": np.arange(3)})  # as before version 4, with the header in nerf.json
+    with pytest.raises(DataError, match=r"nerf\.safetensors has version 3 or lower, this release reads 4; fit again"):
         load_parts(tmp_path)
 
 

@@ -1,5 +1,7 @@
 """Distance grids of measured depth, and the bins that they place: a flat wall by hand, and a naive reference."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_cdt
@@ -100,13 +102,23 @@ def test_a_ray_that_nothing_measured_is_divided_over_its_length() -> None:
     assert samples.ends[0, -1] > 2.2  # the hole may be behind the wall
 
 
+def test_a_ray_through_unknown_space_reaches_its_end() -> None:
+    """512 steps of 15 mm end at 7.73 m; the rest is one more step, in which a metre has a fifth of the bins."""
+    sampler = SurfaceSampler(replace(SETTINGS, far=16.0))
+    samples = sampler.sample(Rays(np.zeros((1, 3), np.float32), np.float32([[1, 0, 0]])), np.float32([0.5]))
+    assert samples.ends[0, -1] == 16 and (samples.ends > samples.starts).all()
+    share = 7.68 / (7.68 + 8.27 / 5)
+    assert (samples.ends[0] < 7.73).sum() == int(16 * share) == 13
+    np.testing.assert_allclose((samples.ends - samples.starts)[0, :13], 7.68 / share / 16, rtol=0.01)
+
+
 def test_a_ray_that_leaves_a_thin_object_continues() -> None:
     """A plate of 6 cm at 1 m makes three layers of voxels negative; the wall 1 m behind it still gets bins."""
     sampler = SurfaceSampler(SETTINGS)
     distances = np.abs(np.arange(80) * 30 - 1000).clip(-90, 500) - 30  # millimetres along z, first voxel at z = 0
     distances = np.minimum(distances, 2000 - np.arange(80) * 30).clip(-90)
-    sampler.state["distances"] = np.tile(distances.astype(np.int16), (20, 20, 1))
-    sampler.state["distances_origin"] = np.float32([-0.3, -0.3, 0])
+    sampler.observed["distances"] = np.tile(distances.astype(np.int16), (20, 20, 1))
+    sampler.observed["distances_origin"] = np.float32([-0.3, -0.3, 0])
     samples = sampler.sample(Rays(np.zeros((1, 3), np.float32), np.float32([[0, 0, 1]])), np.float32([0.5]))
     near_plate, near_wall = (np.abs(samples.midpoints[0] - surface) < 0.12 for surface in (1.0, 2.0))
     assert near_plate.sum() >= 5 and near_wall.sum() >= 4 and samples.ends[0, -1] > 2.05

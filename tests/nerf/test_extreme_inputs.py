@@ -201,7 +201,7 @@ def adam_steps(rng):
     p, g = draw(rng, NETWORK, count), draw(rng, np.append(NETWORK, np.float32(np.inf)), count)
     m, v = draw(rng, NETWORK[:12], count), draw(rng, NETWORK[:-2], count, signed=False)
     step = int(rng.choice([1, 2, 1000, 10**6]))
-    adam(p, g, m, v, *map(np.float32, (1e-2, 0.9, 0.99, 1e-15)), step)
+    adam(p, g, m, v, np.float32(1e-2), step)
     return p, m, v
 
 
@@ -328,6 +328,13 @@ def test_whole_step_with_one_layer_extreme(batch):
                 found[...] = signs * np.float32(scale)
                 check_step(model, rays, targets, (name, scale, signs))
         found[...] = initial
+
+
+def test_no_rays(batch):
+    model, rays, _ = batch
+    none = rays.origins[:0]
+    assert [value.shape for value in model.render_rays(none, none)] == [(0, 3), (0, 16), (0,), (0,)]
+    assert [value.shape for value in model.ray_gradients(none, none, none)] == [(0,), (0, 3), (0, 3)]
 
 
 def test_pose_offsets():

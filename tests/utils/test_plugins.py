@@ -1,6 +1,5 @@
 """Plug-ins of installed packages: a broken plug-in is reported by name and skipped; the others are loaded."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf import MODELS, available, fit, load_nerf, model_spec
 from autonerf_lab.pipeline import check_arguments
 from autonerf_lab.utils.plugins import PluginWarning, load_plugins, package_name_of
+from autonerf_lab.utils.storage import read_arrays, write_arrays
 
 GOOD = """
 from dataclasses import replace
@@ -114,7 +114,7 @@ def test_field_of_an_uninstalled_package_names_the_package(saved: Path) -> None:
         load_nerf(saved)
     message = str(caught.value)
     assert "needs the model 'good', which is not installed" in message
-    assert "install the package 'good-nerf'" in message and str(saved / "nerf.json") in message
+    assert "install the package 'good-nerf'" in message and str(saved / "nerf.safetensors") in message
     assert "\n" not in message and "Error" not in message
 
 
@@ -124,16 +124,16 @@ def test_field_is_loaded_with_a_given_model(saved: Path) -> None:
 
 @pytest.mark.parametrize("meta", [None, [], {}, {"model": None}, {"model": ["good"]}])
 def test_file_without_a_model_name_is_refused(saved: Path, meta: object) -> None:
-    content = json.loads((saved / "nerf.json").read_text())
-    (saved / "nerf.json").write_text(json.dumps(content | {"meta": meta}))
-    with pytest.raises(DataError, match=r"nerf\.json (does not describe a field|is not as expected)"):
+    arrays, header = read_arrays(saved / "nerf.safetensors", dict)
+    write_arrays(saved / "nerf.safetensors", arrays, header | {"meta": meta})
+    with pytest.raises(DataError, match=r"nerf\.safetensors (does not describe a field|is not as expected)"):
         load_nerf(saved)
 
 
 def test_names_from_a_file_are_quoted_and_shortened(saved: Path) -> None:
-    content = json.loads((saved / "nerf.json").read_text())
-    content["package"], content["meta"]["model"] = "x" * 5000, "y\n" * 5000
-    (saved / "nerf.json").write_text(json.dumps(content))
+    arrays, header = read_arrays(saved / "nerf.safetensors", dict)
+    header["package"], header["meta"]["model"] = "x" * 5000, "y\n" * 5000
+    write_arrays(saved / "nerf.safetensors", arrays, header)
     with pytest.raises(DataError) as caught:
         load_nerf(saved)
     assert len(str(caught.value)) < 600 and "\n" not in str(caught.value)

@@ -10,6 +10,7 @@ from autonerf_lab.nerf.ray_batch import Rays
 from autonerf_lab.nerf.scene_box import SceneBox
 
 TABLE_INIT = 1e-2  # initial table values are uniform in [-TABLE_INIT, TABLE_INIT]
+TILE_POINTS = 128  # points that are encoded and evaluated together, outside of rays
 
 
 def encoded_size(levels: int) -> int:
@@ -81,13 +82,13 @@ class HashEncoder:
         hash_encode(x, self.table, *self._layout, enc)
         return x, enc
 
-    def points(self, points: np.ndarray, width: int = 128) -> np.ndarray:
-        """Encode (N, 3) points: (B, E, width) features, the last tile padded."""
-        box, tiles = self.box, -(-len(points) // width)
-        x = np.empty((3, tiles * width), np.float32)
+    def points(self, points: np.ndarray) -> np.ndarray:
+        """Encode (N, 3) points: (B, E, :data:`TILE_POINTS`) features, the last tile padded."""
+        box, tiles = self.box, -(-len(points) // TILE_POINTS)
+        x = np.empty((3, tiles * TILE_POINTS), np.float32)
         points = np.ascontiguousarray(points, np.float32)
         volume_rendering.contracted_points(points, box.center, box.half, np.float32(box.shell), x)
-        enc = np.zeros((tiles, encoded_size(len(self.grid.offsets)), width), np.float32)
+        enc = np.zeros((tiles, encoded_size(len(self.grid.offsets)), TILE_POINTS), np.float32)
         hash_encode(x, self.table, *self._layout, enc)
         return enc
 

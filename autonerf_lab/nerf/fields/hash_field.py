@@ -3,7 +3,7 @@
 The paper's symbols::
 
     x~ = h(x)                       hash encoding                   table
-    phi~ = sh(phi)                  spherical harmonics             encodings.spherical_harmonics
+    phi~ = sh(phi)                  spherical harmonics             spherical_harmonics.spherical_harmonics
     e                               appearance embedding            appearance
     (sigma, h_d) = f_d(x~)          density network                 density_0, density_1
     s = f_s(h_d)                    semantic network                semantic_0, (semantic_middle,) semantic_1
@@ -133,7 +133,7 @@ class HashField:
         found: Arrays = dict(gradients)
         if s.appearance and rays.frames is not None:
             found["appearance"] = np.zeros_like(self._values["appearance"])
-            d_appearance = d_features.transpose(0, 2, 1).reshape(len(rays), -1)[:, HARMONICS:]
+            d_appearance = d_features.transpose(0, 2, 1).reshape(-1, d_features.shape[1])[:, HARMONICS:]
             np.add.at(found["appearance"], rays.frames, d_appearance)
         d_rays = self._ray_gradient(rays, samples, x, enc, d_features, count) if ray_gradients else (None, None)
         found["table"] = self._encoder.table_gradient(x, enc)
@@ -262,7 +262,7 @@ class HashField:
         """Return the gradients of origins and directions of the first ``count`` rays."""
         d_o, d_d = self._encoder.ray_gradient(rays, samples.midpoints, x, d_enc)
         if self.settings.view_dependent:
-            d_harmonics = d_features.transpose(0, 2, 1).reshape(len(rays), -1)[:, :HARMONICS]
+            d_harmonics = d_features.transpose(0, 2, 1).reshape(-1, d_features.shape[1])[:, :HARMONICS]
             d_d += spherical_harmonics_gradient(rays.directions, d_harmonics)
         return d_o[:count], d_d[:count]
 

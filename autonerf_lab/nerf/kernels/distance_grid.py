@@ -181,6 +181,8 @@ def _searched_steps(o, d, origin, voxel, grid, near, far, band, behind, ends, sh
         total += weight * step
         ends[count], share[count] = t, total
         count += 1
+    if count == MAX_STEPS and t < far:  # the last step covers the rest, with few bins: most such rays missed a surface
+        ends[count - 1], share[count - 1] = far, total + FREE_SHARE * (far - t)
     return count
 
 

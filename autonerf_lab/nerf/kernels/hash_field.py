@@ -6,8 +6,13 @@ leave the tile.
 
 Most samples of a ray lie in empty space or behind a wall. Once the densities of a tile are known, only *active*
 samples, whose weight exceeds ``min_weight``, pass through the heads and the backward pass: their columns are packed
-side by side. The gradient of the others is smaller still, because the exponential activation multiplies it by the
-density.
+side by side. The others have even smaller gradients of colour, class and distortion, because the exponential activation
+multiplies these by the density.
+
+The gradient of the depth loss does not contain this factor: the loss compares log densities. Samples in the band around
+a measured surface, where the log density must rise, are therefore active with any weight. In the free space in front of
+the band, samples without this weight count in the value of the loss but have no gradient. So the density in free space
+falls to about ``min_weight`` divided by the length of a bin, and not to ``free_density`` if that is lower.
 
 Tiles, chunks and padding: :mod:`autonerf_lab.nerf.kernels.tiling`.
 """

@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit, prange
 
 from autonerf_lab.nerf.kernels.tiling import ONE, ZERO
+from autonerf_lab.nerf.kernels.volume_rendering import contracted
 
 OPAQUE = np.float32(1e-2)  # transmittance by the densities of the grid, below which a ray may stop
 DARK_DEPTH = np.float32(9.2)  # optical depth in the field behind which a ray is dark: a transmittance of 1e-4
@@ -102,9 +103,4 @@ def _cell(rays_o, rays_d, r, t, center, half, shell, shape):
 
 @njit(inline="always")
 def _index(position, center, half, shell, size):
-    u = (position - center) / half
-    beyond = abs(u) - ONE
-    if beyond > ZERO:
-        u = np.sign(u) * (ONE + shell - shell * shell / (beyond + shell))
-    x = np.float32(0.5) + np.float32(0.5) * u / (ONE + shell)
-    return min(max(int(x * np.float32(size)), 0), size - 1)
+    return min(max(int(contracted(position, center, half, shell) * np.float32(size)), 0), size - 1)

@@ -18,7 +18,7 @@ from autonerf_lab.nerf.kernels.tiling import ONE, SMALLEST, ZERO
 # the walls.
 LOG_SIGMA_START = np.float32(-2.5)
 MAX_LOG_SIGMA = np.float32(9.6)  # upper limit of the log density, so that float32 stays finite
-MAX_ERROR = np.float32(1e3)  # metres; larger errors of a signed distance count linearly
+MAX_ERROR = np.float32(1e3)  # metres; larger errors of a signed distance count linearly, as squares exceed float32
 
 
 class SurfaceProfile(NamedTuple):
@@ -28,11 +28,6 @@ class SurfaceProfile(NamedTuple):
     sharpness: np.float32  # growth per metre
     log_free: np.float32  # in front of the surface
     behind: np.float32  # largest distance behind the surface that is compared, metres
-
-    @property
-    def front(self) -> float:
-        """Distance in front of the surface at which space counts as free, metres."""
-        return float((self.log_density - self.log_free) / self.sharpness)
 
 
 @njit(inline="always")
@@ -160,8 +155,8 @@ def surface_error(raw, starts, ends, depth, surface, scale, d_raw):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy", inline="always")
-def _contracted(position, center, half, shell):
-    """Return a coordinate contracted into the unit cube."""
+def contracted(position, center, half, shell):
+    """Return a coordinate contracted into the unit cube; see :class:`~autonerf_lab.nerf.scene_box.SceneBox`."""
     u = (position - center) / half
     beyond = abs(u) - ONE
     if beyond > 0:
@@ -182,7 +177,7 @@ def contracted_points(points, center, half, shell, x):
     for n in prange(x.shape[1]):
         row = min(np.int64(n), last)
         for axis in range(3):
-            x[axis, n] = _contracted(points[row, axis], center[axis], half[axis], shell)
+            x[axis, n] = contracted(points[row, axis], center[axis], half[axis], shell)
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
@@ -202,7 +197,7 @@ def ray_points(rays_o, rays_d, midpoints, center, half, shell, x):
             t = midpoints[r, i]
             for axis in range(3):
                 position = rays_o[r, axis] + t * rays_d[r, axis]
-                x[axis, r * count + i] = _contracted(position, center[axis], half[axis], shell)
+                x[axis, r * count + i] = contracted(position, center[axis], half[axis], shell)
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")

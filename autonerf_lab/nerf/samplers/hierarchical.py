@@ -5,7 +5,6 @@ import torch
 
 from autonerf_lab.nerf import rendering
 from autonerf_lab.nerf.fields.torch_field import TorchField
-from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.settings import SemanticNerfSettings
 
@@ -41,7 +40,6 @@ class HierarchicalSampler:
         samples: Samples,
         targets: Targets,
         weights: np.ndarray,
-        field: Field,
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
         """Train the coarse field; see :class:`~autonerf_lab.nerf.model.Sampler`."""

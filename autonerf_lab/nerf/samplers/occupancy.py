@@ -29,7 +29,7 @@ class OccupancySampler:
     Args:
         settings: size of the grid, number of bins.
         box: region of full resolution.
-        field: its density ends the rays.
+        field: its density fills the grid and ends the rays.
     """
 
     def __init__(self, settings: OccupancySettings, box: SceneBox, field: Field) -> None:
@@ -42,19 +42,20 @@ class OccupancySampler:
             "occupancy": np.full(shape, settings.occupied, np.float32),  # density per metre
             "occupancy_steps": np.zeros(1, np.int64),
         }
-        if settings.depth_weight:
-            self.state["measured_free"] = np.zeros(shape, np.uint8)  # 1 where depth shows that a cell is empty
+        self._unmeasured = np.ones(shape, np.bool_)  # False where depth shows that a cell is empty
 
     def observe(self, pixels: PixelSampler) -> None:
         """Mark the cells that measured rays have crossed; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
         if not self.settings.depth_weight:
             return
-        free = self.state["measured_free"]
         grid = fuse_depth(pixels, self.settings.cell / 2, self.settings.cell, FUSED_RAYS)
-        centers = (np.stack([*np.indices(free.shape)], axis=-1).reshape(-1, 3) + 0.5) / free.shape
-        clearance = grid(self.box.expand(centers)).reshape(free.shape)
-        free[...] = clearance > 0.9 * self.settings.cell  # beyond the corners of the cell; False for NaN
-        self.state["occupancy"][free == 1] = 0
+        shape = self._unmeasured.shape
+        centers = (np.stack([*np.indices(shape)], axis=-1).reshape(-1, 3) + 0.5) / shape
+        # Inside the box, the corners of a cell are at most 0.87 times its side away. Cells of the shell are longer, and
+        # a surface may cross their ends. Unmeasured distances are NaN.
+        free = grid(self.box.expand(centers)).reshape(shape) > 0.9 * self.settings.cell
+        self._unmeasured = ~free
+        self.state["occupancy"][free] = 0
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
@@ -85,7 +86,6 @@ class OccupancySampler:
         samples: Samples,
         targets: Targets,
         weights: np.ndarray,
-        field: Field,
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
         """Update the grid when it is due; see :class:`~autonerf_lab.nerf.model.Sampler`."""
@@ -93,14 +93,11 @@ class OccupancySampler:
         self.state["occupancy_steps"] += 1
         if step % self.settings.update_every == 0:
             density = self.state["occupancy"].reshape(-1)
-            if self.settings.depth_weight:
-                cells = np.flatnonzero(self.state["measured_free"].reshape(-1) == 0)
-            else:
-                cells = np.arange(len(density))
+            cells = np.flatnonzero(self._unmeasured)
             if step >= self.settings.grid_warmup:
                 cells = rng.choice(cells, len(cells) // 8, replace=False)
             inside = np.stack(np.unravel_index(cells, self.state["occupancy"].shape), axis=1)
             x = (inside + rng.random(inside.shape)) / self.state["occupancy"].shape
             density *= np.float32(self.settings.decay)
-            density[cells] = np.maximum(density[cells], field.density(self.box.expand(x)))
+            density[cells] = np.maximum(density[cells], self.field.density(self.box.expand(x)))
         return {}, {}

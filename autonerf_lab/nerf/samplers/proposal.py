@@ -9,7 +9,6 @@ from autonerf_lab.nerf.fields.hash_field import transposed
 from autonerf_lab.nerf.hash_grid import HashGrid
 from autonerf_lab.nerf.kernels import proposals, volume_rendering
 from autonerf_lab.nerf.kernels.tiling import CHUNKS, pad_rows
-from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import ProposalSettings
@@ -85,7 +84,6 @@ class ProposalSampler:
         samples: Samples,
         targets: Targets,
         weights: np.ndarray,
-        field: Field,
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
         """Return gradients and losses of the proposals; see :class:`~autonerf_lab.nerf.model.Sampler`."""

@@ -4,7 +4,6 @@ import numpy as np
 
 from autonerf_lab.nerf.distance_grid import fuse_depth
 from autonerf_lab.nerf.kernels.distance_grid import surface_bins
-from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.settings import SurfaceSettings
@@ -24,10 +23,10 @@ class SurfaceSampler:
     def __init__(self, settings: SurfaceSettings) -> None:
         self.settings = settings
         self.parameters: Arrays = {}
-        self.state: dict[str, np.ndarray] = {
-            "distances": np.zeros(
-                (0, 0, 0), np.int16
-            ),  # millimetres; see :mod:`autonerf_lab.nerf.kernels.distance_grid`
+        self.state: dict[str, np.ndarray] = {}
+        self.observed: dict[str, np.ndarray] = {
+            # (X, Y, Z) millimetres, see :mod:`autonerf_lab.nerf.kernels.distance_grid`
+            "distances": np.zeros((0, 0, 0), np.int16),
             "distances_origin": np.zeros(3, np.float32),  # outer corner of the first voxel, coordinates of the field
         }
 
@@ -35,7 +34,7 @@ class SurfaceSampler:
         """Fuse the depth of training images; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
         s = self.settings
         grid = fuse_depth(pixels, s.voxel, s.truncation, s.fused_rays)
-        self.state["distances"], self.state["distances_origin"] = grid.distances, grid.origin
+        self.observed["distances"], self.observed["distances_origin"] = grid.distances, grid.origin
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
@@ -44,8 +43,8 @@ class SurfaceSampler:
         depth = rays.depth if training else np.zeros(count, np.float32)
         edges = np.empty((count, (s.samples if training else s.evaluation_samples) + 1), np.float32)
         surface_bins(
-            rays.origins, rays.directions, depth, self.state["distances_origin"], np.float32(s.voxel),
-            self.state["distances"], np.float32(s.near), np.float32(s.far), np.float32(s.band), np.float32(s.before),
+            rays.origins, rays.directions, depth, self.observed["distances_origin"], np.float32(s.voxel),
+            self.observed["distances"], np.float32(s.near), np.float32(s.far), np.float32(s.band), np.float32(s.before),
             np.float32(s.behind), jitter, edges,
         )  # fmt: skip
         return Samples.between(edges)
@@ -56,7 +55,6 @@ class SurfaceSampler:
         samples: Samples,
         targets: Targets,
         weights: np.ndarray,
-        field: Field,
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
         """Return nothing: there is nothing to train; see :class:`~autonerf_lab.nerf.model.Sampler`."""

@@ -6,7 +6,6 @@ import torch
 from autonerf_lab.nerf import rendering
 from autonerf_lab.nerf.encodings import hash_encode
 from autonerf_lab.nerf.fields.torch_field import gradients_of, midpoints, tensors
-from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.samplers.proposal import initial_values, is_due
 from autonerf_lab.nerf.scene_box import SceneBox
@@ -33,7 +32,7 @@ class TorchProposalSampler:
             x = self.box.contract_tensor(midpoints(rays_o, rays_d, edges[:, :-1], edges[:, 1:])).flatten(0, 1)
             features = hash_encode(x, p[f"proposal_{k}_table"], self.grids[k])
             hidden = torch.relu(features @ p[f"proposal_{k}_0"][:, : features.shape[1]].T)
-            raw = (hidden @ p[f"proposal_{k}_1"][0]).view(len(rays), -1)
+            raw = (hidden @ p[f"proposal_{k}_1"][0]).view(len(rays), edges.shape[1] - 1)
             weights = rendering.weights_from_density(rendering.density_from_raw(raw), edges[:, :-1], edges[:, 1:])
             rounds.append((edges, weights))
             edges = rendering.resample(edges, weights, shift, s.padding / weights.shape[1], following)
@@ -45,7 +44,6 @@ class TorchProposalSampler:
         samples: Samples,
         targets: Targets,
         weights: np.ndarray,
-        field: Field,
         rng: np.random.Generator,
     ) -> tuple[Arrays, dict[str, float]]:
         """Return gradients and losses of the proposals; see :class:`~autonerf_lab.nerf.model.Sampler`."""
