@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from test_tables import GRID, MODEL, folder
+from fake_results import GRID, MODEL, folder
 
 from autonerf_lab.benchmark import Grid
 from autonerf_lab.benchmark.grid import CONDITIONS

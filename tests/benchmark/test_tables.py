@@ -7,6 +7,7 @@ from dataclasses import replace
 import fake_cell
 import numpy as np
 import pytest
+from fake_results import GRID, MODEL, folder
 from scipy import stats
 
 from autonerf_lab.benchmark import Grid, Outcome, Results, paper
@@ -20,21 +21,6 @@ from autonerf_lab.benchmark.text_table import Entry, Table, escaped
 from autonerf_lab.errors import RunFolderError, UnknownNameError
 from autonerf_lab.evaluators.metrics import METRICS
 from autonerf_lab.types import Score
-
-MODEL = "semantic-nerfacto"
-GRID = Grid(("frontier", "modular-obs"), ("val-0", "val-1", "val-2"), 1, preset="smoke")
-
-
-def folder(path, values, grid=GRID, metric=("rendering", "psnr")):
-    """Results whose cells have one score each; a string is the status of a cell without."""
-    results = Results(path, grid)
-    for cell in grid.cells():
-        value = values[cell.policy][int(cell.scene[-1])]
-        if isinstance(value, str):
-            results.write(Outcome(cell, value))
-        else:
-            results.write(Outcome(cell, "ok", (Score(*metric, value),), {}))
-    return results
 
 
 def entries(made, row):
