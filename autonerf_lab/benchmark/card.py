@@ -27,8 +27,7 @@ def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
         row: policy and model.
         folders: results.
     """
-    results = next(r for r in folders if any((label(c.policy), c.variant) == row for c in r.grid.cells()))
-    policy = next(c.policy for c in results.grid.cells() if label(c.policy) == row[0])
+    results, cell = next((r, c) for r in folders for c in r.grid.cells() if (label(c.policy), c.variant) == row)
     fingerprint, episodes = results.fingerprint, found.episodes[row]
     facts: dict[str, Any] = {
         "policy": row[0],
@@ -40,8 +39,8 @@ def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
         "cells with scores": f"{len(found.values[row])} of {len(episodes)}",
         "table made by": f"autonerf-lab {__version__}",
         "SHA-256 of the weights": (fingerprint.get("weights") or {}).get(row[0], NO_VALUE),
-        "SHA-256 of the model's settings": (fingerprint.get("settings") or {}).get(row[1].split(", ")[0], NO_VALUE),
-        **_training(policy),
+        "SHA-256 of the model's settings": (fingerprint.get("settings") or {}).get(cell.model, NO_VALUE),
+        **_training(cell.policy),
     }
     lines = [f"- {name}: {value}" for name, value in facts.items()]
     reference = next(

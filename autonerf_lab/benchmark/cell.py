@@ -108,21 +108,22 @@ def _run(cell: Cell, results: Results, folder: Path, save_run: bool, lpips: str 
             _shrink(source, results.path / "figures" / f"{cell.name}_{name}.webp")
     stages = cast("dict[str, StageCost]", dict(run.stages))
     stages["exploration"] = StageCost(seconds=round(time.perf_counter() - started, 3), peak_gb=resources.peak_gb())
-    scores = _scores(cell, run / "scores.json", exploration)
-    baselines = {file.stem: _scores(cell, file) for file in sorted((run / "baselines").glob("*.json"))}
+    found = Scores.load(run / "scores.json")
+    scores = _labelled(cell, found, Scores.load(exploration))
+    baselines = {file.stem: _labelled(cell, Scores.load(file)) for file in sorted((run / "baselines").glob("*.json"))}
     curves = storage.read_json(folder / "curves.json", dict[str, list[float]])
-    return Outcome(cell, OK, scores, stages, curves, baselines, Scores.load(run / "scores.json").details)
+    return Outcome(cell, OK, scores, stages, curves, baselines, found.details)
 
 
-def _scores(cell: Cell, *files: Path) -> tuple[Score, ...]:
-    return tuple(_labelled(row, cell) for file in files for row in Scores.load(file))
-
-
-def _labelled(row: Score, cell: Cell) -> Score:
+def _labelled(cell: Cell, *scores: Scores) -> tuple[Score, ...]:
     policy = label(cell.policy)
-    return replace(
-        row, scene=label(cell.scene), start=cell.start, policy=policy, reward=reward_of(policy),
-        model=cell.model, preset=cell.preset, seed=cell.start,
+    return tuple(
+        replace(
+            row, scene=label(cell.scene), start=cell.start, policy=policy, reward=reward_of(policy),
+            model=cell.model, preset=cell.preset, seed=cell.start,
+        )
+        for rows in scores
+        for row in rows
     )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Export of results: scores as CSV and Parquet, tables as Markdown, LaTeX and HTML."""
 
 import io
+from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pandas as pd
 
 from autonerf_lab.benchmark.paper_tables import all_tables
 from autonerf_lab.benchmark.results_table import ResultsTable, scores_frame
-from autonerf_lab.benchmark.text_table import escaped
+from autonerf_lab.benchmark.text_table import Table, escaped
 from autonerf_lab.utils import storage
 
 TIMES = "seconds"  # the only column of scores.csv that is not reproducible
@@ -38,8 +39,10 @@ def export_results(found: ResultsTable, out: Path) -> list[Path]:
 
 def table_files(found: ResultsTable) -> dict[str, bytes]:
     """Return the contents of ``tables.md``, ``tables.tex`` and ``tables.html`` by name."""
-    tables = [table for table in all_tables(found) if table.filled]
-    markdown = [escaped(summary(found)), *(table.markdown() for table in tables)]
+    made = all_tables(found)
+    tables = [table for table in made if table.filled]
+    lines = [summary(found), *(f"- {text}" for text in left_out(made))]
+    markdown = [escaped("\n".join(lines)), *(table.markdown() for table in tables)]
     return {
         "tables.md": ("\n\n".join(markdown) + "\n").encode(),
         "tables.tex": ("\n\n".join(table.latex() for table in tables) + "\n").encode(),
@@ -54,14 +57,13 @@ def headline(found: ResultsTable) -> str:
 
 
 def summary(found: ResultsTable) -> str:
-    """Return the headline, one line per cell that was run and has no scores, and one per table without values."""
-    cells = [f"- {outcome.cell.name}: {outcome.status}" for outcome in found.unfinished]
-    return "\n".join([headline(found), *cells, *(f"- {text}" for text in left_out(found))])
+    """Return the headline, and one line per cell that was run and has no scores."""
+    return "\n".join([headline(found), *(f"- {o.cell.name}: {o.status}" for o in found.unfinished)])
 
 
-def left_out(found: ResultsTable) -> list[str]:
+def left_out(tables: Iterable[Table]) -> list[str]:
     """Return the names of the tables without values, each with the reason."""
-    return [f"No table {table.name}: {table.note}" for table in all_tables(found) if not table.filled]
+    return [f"No table {table.name}: {table.note}" for table in tables if not table.filled]
 
 
 def _parquet(rows: pd.DataFrame) -> bytes:

@@ -12,6 +12,7 @@ from autonerf_lab.benchmark.correlations import correlations
 from autonerf_lab.benchmark.results_table import ResultsTable, Row
 from autonerf_lab.benchmark.statistics import Interval, holm
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
+from autonerf_lab.data.pose_sources import POSE_SOURCES
 from autonerf_lab.errors import UnknownNameError
 from autonerf_lab.evaluators.metrics import BASELINES, Key, Metric, metrics_of
 
@@ -21,7 +22,6 @@ OURS = "modular-obs"  # policy of the paper in experiments that do not compare p
 _CORRECTED = "bold: p < 5 % after Holm's correction over the differences {family}"
 REFERENCES = ("frontier-classic", "frontier", "random")
 BOUNDS = "oracle-"  # policies that know the scene: not compared with the others
-POSE_SOURCES = ("true", "odometry", "estimated", "refined")
 _IMITATION = "-imitation"  # ends the name of the policy that another one started from
 
 
@@ -60,7 +60,7 @@ class _Policies:
     def __call__(self, found: ResultsTable) -> Table:
         plain = _plain_rows(found)
         rows = [(row, row[0] if row[1] == plain[0][1] else f"{row[0]}, {row[1]}") for row in plain]
-        first = [row for row in plain if row[1] == plain[0][1] and not row[0].startswith(BOUNDS)]
+        first = [row for row in plain if row[1] == plain[0][1]]
         made = _means(found, self.name, self.title, self.metrics, rows, paper_values, self.hint, first)
         if self.oracle and (line := self._oracle(found, made)):
             made = replace(made, rows=(*made.rows, line))
@@ -70,10 +70,10 @@ class _Policies:
 
     def _oracle(self, found: ResultsTable, made: Table) -> tuple[Entry, ...]:
         """Return the line of the true geometry; empty if no cell has it."""
-        measured = found.of_baseline("oracle") if "oracle" in found.baselines else found
-        row = next((row for row in found.baselines.get("oracle", {})), None)
+        row = next(iter(found.baselines.get("oracle", {})), None)
         if row is None:
             return ()
+        measured = found.of_baseline("oracle")
         texts = {metric.heading: _text(measured, row, metric) for metric in self.metrics}
         return Entry("true geometry (oracle)"), *(Entry(texts.get(title, NO_VALUE)) for title in made.header[1:])
 
@@ -109,8 +109,8 @@ def _means(
     header = [""]
     for metric in metrics:
         header += [metric.heading, "paper"] if metric in published else [metric.heading]
-    compared = [row for row, _ in rows if not row[0].startswith(BOUNDS)] if compared is None else compared
-    best = {metric: found.best(metric, compared) for metric in metrics}
+    candidates = [row for row, _ in rows if not row[0].startswith(BOUNDS) and (compared is None or row in compared)]
+    best = {metric: found.best(metric, candidates) for metric in metrics}
     lines = []
     for row, text in rows:
         line = [Entry(text)]
@@ -159,9 +159,9 @@ def _variants(found: ResultsTable) -> Table:
     corrected = _CORRECTED.format(family="of the table")
     title = f"NeRF models on the same trajectories; differences are paired by scene and start, {corrected}"
     metrics = (*paper.RENDERING, *(metric for metric in paper.HEADLINES if metric not in paper.RENDERING))
-    made = _means(found, "variants", title, metrics, rows, lambda row: paper.BY_MODEL.get(row[1], {}))
     if not others:
-        return Table("variants", title, made.header, (), "One model only; add others with --models.")
+        return Table("variants", title, ("",), (), "One model only; add others with --models.")
+    made = _means(found, "variants", title, metrics, rows, lambda row: paper.BY_MODEL.get(row[1], {}))
     shown = [metric for metric in metrics if metric.heading in made.header]
     pairs = [(row, first, f"{row[1]} − {first[1]}, {policy}") for row in others]
     lines = []
@@ -254,7 +254,12 @@ def difference_entry(found: Interval | None, metric: Metric) -> Entry:
 
 def _plain_rows(found: ResultsTable) -> list[Row]:
     """Return the rows without noise and with true classes; all rows if there are none."""
-    return [row for row in found.rows if row not in found.noisy | found.predicted] or found.rows
+    return _strictly_plain(found) or found.rows
+
+
+def _strictly_plain(found: ResultsTable) -> list[Row]:
+    changed = {*found.noisy, *found.predicted}
+    return [row for row in found.rows if row not in changed]
 
 
 def _ours(rows: Sequence[Row]) -> Row | None:
@@ -277,10 +282,10 @@ def _conditions(
     """Return a table with one line per score: the values of each condition, and their differences from the first."""
     first, *others = columns
     metrics = [metric for metric in metrics if _status_everywhere(found, metric) is None]
-    compared = [column for column in others if first.row is not None and column.row is not None]
-    pairs = [(metric, column.row) for metric in metrics for column in compared]
-    assert first.row is not None or not pairs
-    made = [(found.difference(row, first.row, metric.key), metric) for metric, row in pairs if row and first.row]
+    compared = [(column.heading, column.row) for column in others if column.row] if first.row else []
+    made = [
+        (found.difference(row, first.row, metric.key), metric) for metric in metrics for _, row in compared if first.row
+    ]
     differences = iter(_corrected_entries(made))
     lines = []
     for metric in metrics:
@@ -295,7 +300,7 @@ def _conditions(
     header = [shown]
     for column in columns:
         header += [column.heading] if column.published is None else [column.heading, "paper"]
-    header += [f"{column.heading} − {first.heading}" for column in compared]
+    header += [f"{heading} − {first.heading}" for heading, _ in compared]
     if made:
         note += f" Differences are paired by scene and start; {_CORRECTED.format(family='of the table')}."
     return Table(name, title, tuple(header), tuple(lines), note)
@@ -305,26 +310,24 @@ def _baselines(found: ResultsTable) -> Table:
     plain = _plain_rows(found)
     row = _ours([row for row in plain if any(row in values for values in found.baselines.values())] or plain)
     row = row or found.rows[0]
-    columns = {"field": found} | {name: found.of_baseline(name) for name in BASELINES if name in found.baselines}
+    columns = {name: found.of_baseline(name) for name in BASELINES if name in found.baselines}
+    columns = {"field": found, **columns} if columns else {}
     lines = []
     for metric in (*paper.RENDERING, *paper.MAPS, *paper.PLANNING, *paper.POSE, *paper.MESH):
         if _status_everywhere(found, metric) is not None:  # LPIPS without its weights
             continue
         published = paper.BY_POLICY[OURS].get(metric.key)
-        texts = [_text(table, row, metric) for table in columns.values()] if len(columns) > 1 else []
+        texts = [_text(table, row, metric) for table in columns.values()]
         texts.append(NO_VALUE if published is None else metric.format(published))
         lines.append((Entry(metric.full_heading), *map(Entry, texts)))
     names = [f"{name.replace('_', ' ')}: {text}" for name, text in BASELINES.items() if name in columns]
     note = "; ".join(names) or "Baselines: not measured yet; add them with --baselines"
-    shown = [name.replace("_", " ") for name in columns] if len(columns) > 1 else []
-    header = (f"{row[0]}, {row[1]}", *shown, "paper")
+    header = (f"{row[0]}, {row[1]}", *(name.replace("_", " ") for name in columns), "paper")
     return Table("baselines", "Other definitions and baselines in the same cells", header, tuple(lines), f"{note}.")
 
 
 def _semantics(found: ResultsTable) -> Table:
-    predicted = [row for row in found.rows if row in found.predicted]
-    other = _ours(predicted)
-    plain = _ours([row for row in found.rows if row not in found.noisy | found.predicted])
+    plain, other = _ours(_strictly_plain(found)), _ours(found.predicted)
     note = "Predicted semantics: not measured; cells use the semantics of the simulator."
     if other is not None:
         note = (
@@ -340,12 +343,10 @@ def _semantics(found: ResultsTable) -> Table:
 
 
 def _noise(found: ResultsTable) -> Table:
-    noisy = [row for row in found.rows if row in found.noisy]
-    noisy = [row for row in noisy if row[0] == OURS] or noisy
-    policy = noisy[0][0] if noisy else OURS
-    plain = next((row for row in _plain_rows(found) if row[0] == policy and row not in noisy), None)
-    by_source = {source: row for row in reversed(noisy) if (source := _pose_source(row)) in POSE_SOURCES}
-    columns = [_Condition("without noise", plain if noisy else None, paper.BY_POLICY[OURS])]
+    noisy = [row for row in found.noisy if row[0] == OURS] or found.noisy
+    plain = next((row for row in _strictly_plain(found) if row[0] == noisy[0][0]), None) if noisy else None
+    by_source = {found.conditions[row].get("poses", "odometry"): row for row in reversed(noisy)}
+    columns = [_Condition("without noise", plain, paper.BY_POLICY[OURS])]
     columns += [_Condition(f"{source} poses", by_source[source]) for source in POSE_SOURCES if source in by_source]
     columns = columns if noisy else [*columns, _Condition("with noise", None)]
     columns[-1] = replace(columns[-1], published=paper.NOISE)
@@ -354,10 +355,6 @@ def _noise(found: ResultsTable) -> Table:
         note = "Columns with noise name the pose source. Fields are aligned with the scene before they are scored."
     metrics = (*paper.NOISE_METRICS, *paper.MESH, *metrics_of("trajectory"))
     return _conditions(found, "noise", "Sensor and actuation noise", metrics, columns, note)
-
-
-def _pose_source(row: Row) -> str:
-    return next((part[6:] for part in row[1].split(", ") if part.startswith("poses ")), "odometry")
 
 
 TABLES: dict[str, Callable[[ResultsTable], Table]] = {

@@ -65,6 +65,7 @@ def write_report(folders: Sequence[Results], out: str | Path) -> Path:
 def _index(found: ResultsTable, folders: Sequence[Results]) -> str:
     """Return the first page as HTML."""
     ranked = _ranked(found.outcomes)
+    tables = all_tables(found)
     best, worst = ranked[:SHOWN], ranked[SHOWN:][-SHOWN:]
     grid = folders[0].grid
     facts = {
@@ -86,8 +87,8 @@ def _index(found: ResultsTable, folders: Sequence[Results]) -> str:
         ],
         leaderboard=_leaderboard(found),
         cards=[(name, _card(name)) for name in (title("", row) for row in found.rows)],
-        tables=[table.html() for table in all_tables(found) if table.filled],
-        left_out=left_out(found),
+        tables=[table.html() for table in tables if table.filled],
+        left_out=left_out(tables),
         extremes=[("Best", [_shown(o, folders) for o in best]), ("Worst", [_shown(o, folders) for o in worst])],
         cells=_cells(found.outcomes),
         version=__version__,

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
 
 import pandas as pd
 
@@ -27,14 +28,23 @@ class ResultsTable:
     outcomes: list[Outcome]  # of all cells that were run
     cell_count: int  # of the grids
     preset: str = ""  # name of the preset
-    noisy: frozenset[Row] = frozenset()  # rows with noise of motion or depth
-    predicted: frozenset[Row] = frozenset()  # rows without noise, whose classes are not those of the simulator
+    conditions: dict[Row, dict[str, Any]] = field(default_factory=dict)  # noise, pose source, source of classes
     baselines: dict[str, Values] = field(default_factory=dict)  # scores of the baselines of the same cells, by name
 
     @property
     def rows(self) -> list[Row]:
         """Pairs of policy and model, in the order of the grids."""
         return list(self.episodes)
+
+    @property
+    def noisy(self) -> list[Row]:
+        """Rows with noise of motion or depth."""
+        return [row for row in self.rows if {"noise", "depth_noise"} & self.conditions.get(row, {}).keys()]
+
+    @property
+    def predicted(self) -> list[Row]:
+        """Rows without noise, whose classes are not those of the simulator."""
+        return [row for row in self.rows if "semantics" in self.conditions.get(row, {}) and row not in self.noisy]
 
     @property
     def unfinished(self) -> list[Outcome]:
@@ -126,8 +136,7 @@ def load_results_table(*folders: Results) -> ResultsTable:
     values: Values = {}
     baselines: dict[str, Values] = {}
     outcomes: list[Outcome] = []
-    noisy: set[Row] = set()
-    predicted: set[Row] = set()
+    conditions: dict[Row, dict[str, Any]] = {}
     for results in folders:
         before = {(row, episode) for row in episodes for episode in episodes[row]}
         for cell in results.grid.cells():
@@ -137,10 +146,7 @@ def load_results_table(*folders: Results) -> ResultsTable:
                     f"{results.path} and another folder both hold {cell.name}; compare the folders with `autonerf-lab "
                     "bench compare`"
                 )
-            if cell.noise or cell.depth_noise:
-                noisy.add(row)
-            elif cell.semantics:
-                predicted.add(row)
+            conditions[row] = cell.conditions
             episodes.setdefault(row, []).append(episode)
             values.setdefault(row, {})
         for outcome in results.outcomes():
@@ -152,9 +158,7 @@ def load_results_table(*folders: Results) -> ResultsTable:
                     baselines.setdefault(name, {}).setdefault(row, {})[episode] = _by_key(rows)
     cell_count = sum(len(results.grid.cells()) for results in folders)
     preset = next(iter(presets), "")
-    return ResultsTable(
-        episodes, values, outcomes, cell_count, preset, frozenset(noisy), frozenset(predicted), baselines
-    )
+    return ResultsTable(episodes, values, outcomes, cell_count, preset, conditions, baselines)
 
 
 def _by_key(scores: Iterable[Score]) -> dict[Key, float | None]:

@@ -117,9 +117,8 @@ def class_votes(field: RadianceField, grid: MapGrid, rays: int = RAYS) -> np.nda
         points, ends = surface_points(image, c2w, intrinsics)
         dense = np.zeros((*ends.shape, 3))
         dense[ends] = points
-        classes = np.zeros(ends.shape, dtype=np.int64)
-        if image.semantics is not None:
-            classes[image.semantics < NUM_CLASSES] = image.semantics[image.semantics < NUM_CLASSES]
+        labels = np.zeros(ends.shape) if image.semantics is None else image.semantics
+        classes = np.where(labels < NUM_CLASSES, labels, 0).astype(np.int64)
         _vote(dense, image.depth.astype(np.float64), classes, ends, frame, votes)
     return votes
 

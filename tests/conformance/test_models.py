@@ -11,6 +11,7 @@ import pytest
 import torch
 from PIL import Image
 from toy_scene import two_rooms
+from toy_trajectory import toy_trajectory
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, UnknownNameError
@@ -51,12 +52,7 @@ def installed_example(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
 
 @pytest.fixture(scope="module")
 def trajectory() -> Trajectory:
-    sim = Simulator(two_rooms(), CAMERA, supersample=1)
-    rng = np.random.default_rng(0)
-    poses = np.stack([sim.sample_pose(rng) for _ in range(60)])
-    frames = [sim.render(pose) for pose in poses]
-    rgb, depth, semantics = (np.stack([getattr(f, k) for f in frames]) for k in ("rgb", "depth", "semantics"))
-    return Trajectory(poses, rgb, depth, semantics, CAMERA, {"scene": "toy"})
+    return toy_trajectory(Simulator(two_rooms(), CAMERA, supersample=1), 60, depth=True)
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import toy_scene
+from toy_trajectory import toy_trajectory
 
-from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, MissingPackageError
 from autonerf_lab.evaluators import TrueField, evaluate
 from autonerf_lab.evaluators.mesh_metrics import evaluate_mesh
@@ -26,11 +26,7 @@ def sim():
 
 @pytest.fixture(scope="module")
 def trajectory(sim):
-    rng = np.random.default_rng(0)
-    poses = np.stack([sim.sample_pose(rng) for _ in range(80)])
-    frames = [sim.render(c2w) for c2w in poses]
-    rgb, depth, semantics = (np.stack([getattr(f, key) for f in frames]) for key in ("rgb", "depth", "semantics"))
-    return Trajectory(poses, rgb, depth, semantics, sim.intrinsics, {"scene": sim.scene.name})
+    return toy_trajectory(sim, 80, depth=True)
 
 
 def test_a_room_of_four_by_three_metres(sim, trajectory):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from toy_scene import two_rooms
+from toy_trajectory import toy_trajectory
 
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
@@ -28,12 +29,7 @@ SETTINGS_SMALL = replace(SETTINGS["smoke"], rays=512, steps=250)
 
 @pytest.fixture(scope="module")
 def trajectory() -> Trajectory:
-    sim = Simulator(two_rooms(), CAMERA, supersample=1)
-    rng = np.random.default_rng(0)
-    poses = np.stack([sim.sample_pose(rng) for _ in range(20)])
-    frames = [sim.render(pose) for pose in poses]
-    images = np.stack([frame.rgb for frame in frames]), np.stack([frame.semantics for frame in frames])
-    return Trajectory(poses, images[0], None, images[1], CAMERA, {"scene": "toy"})
+    return toy_trajectory(Simulator(two_rooms(), CAMERA, supersample=1), 20)
 
 
 def test_a_training_that_keeps_failing_stops_and_names_the_images(trajectory: Trajectory, tmp_path: Path) -> None:
@@ -137,7 +133,7 @@ def test_one_batch_that_is_not_finite_changes_nothing(trajectory: Trajectory, mo
 def test_the_mean_of_the_parameters_leaves_out_skipped_steps(
     trajectory: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of steps 4 and 8, whose parameters are added, the second is skipped."""
+    """The mean takes the parameters after steps 4 and 8; step 8 is skipped, so the mean is that after step 4."""
     original, added = Model.train_step, {}
 
     def spoiled(model: Model, rays: object, targets: object, rng: object) -> object:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from toy_scene import two_rooms
+from toy_trajectory import toy_trajectory
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import (
@@ -35,12 +36,7 @@ SETTINGS_SMALL = replace(SETTINGS["smoke"], rays=512, steps=250)
 
 @pytest.fixture(scope="module")
 def trajectory() -> Trajectory:
-    sim = Simulator(two_rooms(), CAMERA, supersample=1)
-    rng = np.random.default_rng(0)
-    poses = np.stack([sim.sample_pose(rng) for _ in range(80)])
-    frames = [sim.render(pose) for pose in poses]
-    images = np.stack([frame.rgb for frame in frames]), np.stack([frame.semantics for frame in frames])
-    return Trajectory(poses, images[0], None, images[1], CAMERA, {"scene": "toy"})
+    return toy_trajectory(Simulator(two_rooms(), CAMERA, supersample=1), 80)
 
 
 @pytest.fixture(scope="module")

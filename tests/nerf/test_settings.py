@@ -45,7 +45,7 @@ def test_the_explored_area_is_that_of_the_trajectory(meta, area):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_tables_stop_growing_at_the_largest_that_settings_allow(name):
-    """Of 10 levels with 2**20 entries there are 10 million, of 4 with 2**22 as many as the limit."""
+    """The limit is 2**24 entries in all: 2**20 in each of 10 levels, 2**22 in each of 4."""
     grown = [scaled_to_area(MODELS[name].settings["fast"], area) for area in (950.0, 1e5)]
     if isinstance(grown[0], HashSettings):
         assert [settings.log2_entries for settings in grown] == [20, 20]
