@@ -58,7 +58,7 @@ def test_cell_has_every_score_and_few_files(finished):
     assert sum(file.stat().st_size for file in finished.rglob("*") if file.is_file()) < 2e6
     assert not list(finished.glob("work/*"))
     figures = {file.stem.removeprefix(f"{CELL}_") for file in finished.glob("figures/*.webp")}
-    assert figures == {"maps", "paths", "trajectory", "views"}
+    assert figures == {"maps", "paths", "rendering", "trajectory"}
 
 
 def test_scores_are_exported_as_csv_and_parquet(finished):
