@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from common.output import mean_of, saved_result, slug
-from common.training import Trainer, fit_and_score, in_fresh_process, interleaved, pixels_of
+from common.training import Trainer, fit_and_score, in_fresh_process, interleaved
 from common.views import read_views, write_views
 
 from autonerf_lab.errors import AutoNerfError
@@ -97,8 +97,8 @@ def relative_step(folder: Path, row: Variation, quick: bool) -> float:
     """Return the time of a step relative to the base, both after an eighth of their training."""
     if row == VARIATIONS[0]:
         return 1.0
-    pixels = pixels_of(read_views(folder, depth=row.settings.depth_weight > 0)[0])
-    trainers = {"base": Trainer(pixels, BASE), "row": Trainer(pixels, row.settings, row.model)}
+    views = read_views(folder, depth=row.settings.depth_weight > 0)[0]
+    trainers = {"base": Trainer(views, BASE), "row": Trainer(views, row.settings, row.model)}
     for trainer in trainers.values():
         for _ in range(3 if quick else trainer.settings.steps // 8):
             trainer.step()

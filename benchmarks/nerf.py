@@ -38,7 +38,6 @@ from common.training import (
     in_fresh_process,
     interleaved,
     milliseconds_per_step,
-    pixels_of,
 )
 from common.views import read_views, write_views
 
@@ -59,12 +58,12 @@ PANELS = {
 
 def measure_step(folder: Path, settings: ProposalSettings, rounds: int, warm_up: int) -> dict[str, float]:
     """Return the milliseconds of a step by kernels and by torch, from the same training state, and the limit."""
-    pixels = pixels_of(read_views(folder)[0])
-    kernels, reference = Trainer(pixels, settings), Trainer(pixels, settings, device="cpu")
+    views = read_views(folder)[0]
+    kernels, reference = Trainer(views, settings), Trainer(views, settings, device="cpu")
     for _ in range(warm_up):
         kernels.step()
     reference.copy_state(kernels)
-    all_samples = Trainer(pixels, replace(settings, min_weight=0.0))
+    all_samples = Trainer(views, replace(settings, min_weight=0.0))
     all_samples.copy_state(kernels)
     active = kernels.active_share()
     # The random numbers are equal, so the first losses must be equal, up to samples that the kernels skip.

@@ -13,21 +13,15 @@ import numpy as np
 import torch
 from common.views import read_views
 
-from autonerf_lab.classes import NUM_CLASSES
 from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.evaluators.rendering import evaluate_rendering, photographed_views
 from autonerf_lab.nerf import fit
-from autonerf_lab.nerf.checkpoint import TrainingState
-from autonerf_lab.nerf.field_frame import FieldFrame
-from autonerf_lab.nerf.fit import train_step
-from autonerf_lab.nerf.model import DepthGuidedSampler, Model
+from autonerf_lab.nerf.fit import prepare, train_step
+from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import model_spec
-from autonerf_lab.nerf.optimizer import Adam
-from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.radiance_field import NeRF
 from autonerf_lab.nerf.ray_batch import assign, to_numpy
-from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import HashSettings, Settings
 from autonerf_lab.nerf.visibility import VOXEL, Visibility
 from autonerf_lab.utils.resources import peak_gb
@@ -54,22 +48,19 @@ class Trainer:
     """Training of a model, one step at a time.
 
     Args:
-        pixels: training data.
+        views: training views.
         settings: hyper-parameters.
         model: name of the model.
         device: None for the kernels, or a torch device.
     """
 
     def __init__(
-        self, pixels: PixelSampler, settings: Settings, model: str = "semantic-nerfacto", device: str | None = None
+        self, views: Trajectory, settings: Settings, model: str = "semantic-nerfacto", device: str | None = None
     ):
-        self.pixels, self.settings = pixels, settings
-        box = SceneBox.around(pixels.poses[:, :3, 3].astype(np.float64), settings.margin, settings.shell)
-        rng = np.random.default_rng(0)
-        self.model: Model = model_spec(model).build(settings, box, len(pixels.poses), NUM_CLASSES, rng, device)
-        if isinstance(self.model.sampler, DepthGuidedSampler):
-            self.model.sampler.observe(pixels)
-        self.state = TrainingState(self.model, Adam(self.model.parameters), rng)
+        data = Dataset.from_trajectory(views)
+        self.state, self.pixels = prepare(data, model_spec(model), settings, device=device)
+        self.model = self.state.model
+        self.settings = self.model.settings
 
     def step(self) -> dict[str, float]:
         """Do one training step of ``fit`` at the initial learning rate, and return the losses."""
@@ -96,14 +87,9 @@ class Trainer:
         return float((weights > self.settings.min_weight).mean())
 
 
-def pixels_of(views: Trajectory) -> PixelSampler:
-    """Return a sampler of the pixels of training views."""
-    return PixelSampler(Dataset.from_trajectory(views), FieldFrame())
-
-
 def milliseconds_per_step(folder: Path, settings: Settings, model: str, warm_up: int) -> float:
     """Return the duration of a training step after ``warm_up`` steps, with views of a folder."""
-    trainer = Trainer(pixels_of(read_views(folder, depth=settings.depth_weight > 0)[0]), settings, model)
+    trainer = Trainer(read_views(folder, depth=settings.depth_weight > 0)[0], settings, model)
     for _ in range(warm_up):
         trainer.step()
     # 16 steps, because the occupancy grid is updated every 16 steps and the proposals every 2
