@@ -226,7 +226,9 @@ class Model:
             chunk = slice(first, first + GRADIENT_CHUNK)
             rays = Rays(rays_o[chunk], rays_d[chunk])
             with self._lock:
-                parts.append(self.field.ray_gradients(rays, self._evaluation_samples(rays), target[chunk]))
+                with _no_gradients():
+                    samples = self._evaluation_samples(rays)
+                parts.append(self.field.ray_gradients(rays, samples, target[chunk]))
         error, d_o, d_d = (np.concatenate(values) for values in zip(*parts, strict=True))
         return error, d_o, d_d
 

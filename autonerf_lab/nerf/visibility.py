@@ -85,5 +85,6 @@ def _march(start: np.ndarray, direction: np.ndarray, length: np.ndarray, seen: n
             i = int(start[n, 0] + t * direction[n, 0])
             j = int(start[n, 1] + t * direction[n, 1])
             k = int(start[n, 2] + t * direction[n, 2])
-            seen[i, j, k] = True
+            if 0 <= i < seen.shape[0] and 0 <= j < seen.shape[1] and 0 <= k < seen.shape[2]:  # rounded far away
+                seen[i, j, k] = True
             t += 0.5

@@ -19,6 +19,7 @@ from autonerf_lab.nerf.fit import prepare, train_step
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.models import model_spec
 from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
+from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.pose_offsets import pose_rate
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.utils.storage import read_arrays
@@ -128,6 +129,23 @@ def test_one_batch_that_is_not_finite_changes_nothing(trajectory: Trajectory, mo
     assert field.meta["skipped_steps"] == 1
     for name, value in calls[2].items():
         np.testing.assert_array_equal(calls[3][name], value, err_msg=name)
+
+
+@pytest.mark.parametrize("levels", [6, 7])
+def test_the_step_after_a_batch_with_nan_in_the_images_is_finite(
+    trajectory: Trajectory, monkeypatch: pytest.MonkeyPatch, levels: int
+) -> None:
+    """With an odd number of levels, the features are padded: nothing of the batch may stay in the padding."""
+    original, calls = PixelSampler.targets, []
+
+    def spoiled(pixels: PixelSampler, chosen: np.ndarray) -> object:
+        calls.append(chosen)
+        targets = original(pixels, chosen)
+        return replace(targets, color=np.full_like(targets.color, np.nan)) if len(calls) == 3 else targets
+
+    monkeypatch.setattr(PixelSampler, "targets", spoiled)
+    settings = replace(SETTINGS_SMALL, steps=6, levels=levels, proposal_levels=levels)
+    assert fit(trajectory, settings=settings, preset="smoke", progress=False).meta["skipped_steps"] == 1
 
 
 def test_the_mean_of_the_parameters_leaves_out_skipped_steps(

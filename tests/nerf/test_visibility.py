@@ -26,6 +26,14 @@ def test_cameras_that_are_far_apart_have_larger_voxels(monkeypatch: pytest.Monke
     assert grid(origins).all() and not grid(np.array([[250.0, 250.0, 250.0]])).any()
 
 
+def test_a_ray_that_leaves_the_grid_marks_nothing_outside() -> None:
+    """Far from the origin, float32 rounds the march and the end of a ray differently: it may leave the grid."""
+    around = np.zeros((9, 9, 9), np.bool_)
+    centre = np.full((4, 3), 1.5, np.float32)
+    visibility._march(centre, np.concatenate([DIRECTIONS[:2], -DIRECTIONS[:2]]), np.full(4, 4), around[3:6, 3:6, 3:6])
+    assert np.argwhere(around).tolist() == [[3, 4, 4], [4, 3, 4], [4, 4, 4], [4, 5, 4], [5, 4, 4]]
+
+
 def test_a_grid_within_the_limit_is_not_changed(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = carve(ORIGINS, DIRECTIONS, np.float32([2, 3, 12, 12]))
     monkeypatch.setattr(visibility, "MAX_VOXELS", whole.seen.size)

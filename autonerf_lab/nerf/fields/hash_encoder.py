@@ -79,6 +79,7 @@ class HashEncoder:
             rays.origins, rays.directions, midpoints, box.center, box.half, np.float32(box.shell), x
         )
         enc = self._buffer("enc", count // TILE_RAYS, encoded_size(len(self.grid.offsets)), TILE_RAYS * samples)
+        enc[:, 2 * len(self.grid.offsets) :] = 0  # a batch that is not finite leaves NaN in the padding
         hash_encode(x, self.table, *self._layout, enc)
         return x, enc
 
