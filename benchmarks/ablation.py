@@ -177,7 +177,8 @@ def text(results: dict[str, list[dict[str, Any]]], options: argparse.Namespace) 
 
 Written by `python benchmarks/ablation.py --scenes {" ".join(options.scenes)} --seeds {" ".join(seeds)}`.
 
-Each row changes one of the `fast` settings; {BASE.steps} steps and no depth unless the row says otherwise.
+Each row changes the `fast` settings that it names; {BASE.steps} steps and no depth unless the row says otherwise.
+The settings of `instant-ngp` are its own, which do not average the parameters.
 Trained on {options.views} views of 128×128, uniform over the scene; evaluated on {options.test_views} test views.
 Values are means over {", ".join(options.scenes)}, each with seed {" and ".join(seeds)}.{differences}
 The time of a step is measured in turns with the base, both after an eighth of their training.
