@@ -26,10 +26,11 @@ from common.views import read_views, write_views
 
 from autonerf_lab.errors import AutoNerfError
 from autonerf_lab.nerf.models import MODELS
+from autonerf_lab.nerf.models.semantic_nerfacto import SETTINGS
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.utils.storage import write_json
 
-BASE = MODELS["semantic-nerfacto"].settings["fast"]
+BASE = SETTINGS["fast"]
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,12 @@ VARIATIONS = (
     Variation("colour without view direction", {"view_dependent": False}),
     Variation("no rays by class", {"rays_by_class": 0.0}),
     Variation("two rounds of proposals, 64 and 32", {"proposal_samples": (64, 32)}),
-    Variation("two rounds of proposals, padding 0.3", {"proposal_samples": (64, 32), "padding": 0.3}),
-    Variation("one round of proposals, padding 0.3", {"padding": 0.3}),
+    Variation("two rounds, 64 and 32; padding 0.01", {"proposal_samples": (64, 32), "histogram_padding": 0.01}),
+    Variation(
+        "two rounds, 48 and 24; padding 0.01; 20 samples",
+        {"proposal_samples": (48, 24), "histogram_padding": 0.01, "samples": 20},
+    ),
+    Variation("padding 0.0094", {"histogram_padding": 0.3 / 32}),
     Variation("proposals updated every 2nd step", {"proposal_every": 2}),
     Variation("all samples active (min_weight 0)", {"min_weight": 0.0}),
     Variation("shell as thick as half the box", {"shell": 1.0}),
@@ -179,6 +184,7 @@ Written by `python benchmarks/ablation.py --scenes {" ".join(options.scenes)} --
 
 Each row changes the `fast` settings that it names; {BASE.steps} steps and no depth unless the row says otherwise.
 The settings of `instant-ngp` are its own, which do not average the parameters.
+Padding is the weight that is added to every bin of a proposal in resampling: {BASE.histogram_padding:.4f} in the base.
 Trained on {options.views} views of 128×128, uniform over the scene; evaluated on {options.test_views} test views.
 Values are means over {", ".join(options.scenes)}, each with seed {" and ".join(seeds)}.{differences}
 The time of a step is measured in turns with the base, both after an eighth of their training.

@@ -22,7 +22,7 @@ from autonerf_lab.nerf.ray_batch import Array, assign, to_numpy
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.utils.storage import parse_json, read_arrays, write_arrays, write_json
 
-VERSION = 4  # of nerf.safetensors
+VERSION = 5  # of nerf.safetensors
 SAVE_EVERY = 20.0  # seconds of training between two checkpoints
 TRAINING_FILE = "training.safetensors"
 FIELD_FILE = "nerf.safetensors"

@@ -121,7 +121,7 @@ class ProposalSettings(HashSettings):
     proposal_fine: float = 0.06  # side of the smallest cells, in the last round
     proposal_ratio: float = 1.0  # of the smallest cells of a round to those of the next
     proposal_hidden: int = 16  # units of the hidden layer; a multiple of 4
-    padding: float = 0.01  # total weight added to the bins in resampling, so that every bin can be sampled
+    histogram_padding: float = 0.01 / 32  # weight added to every bin in resampling, so that every bin can be sampled
     interlevel_weight: float = 1.0
 
     def __post_init__(self) -> None:

@@ -171,7 +171,7 @@ def test_a_saved_field_ends_its_training(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["nerf.json", FIELD_FILE]
     arrays, found = load_parts(tmp_path)
     assert arrays["a"].tolist() == [0, 1, 2] and found.classes == 16 and found.package is None
-    assert json.loads((tmp_path / "nerf.json").read_text()) == {"version": 4, **header()}
+    assert json.loads((tmp_path / "nerf.json").read_text()) == {"version": 5, **header()}
 
 
 @pytest.mark.parametrize(("name", "value"), [("write_arrays", 0), ("write_json", 1)])
@@ -200,11 +200,11 @@ def test_a_header_without_a_json_representation_leaves_the_old_field(tmp_path: P
 
 
 def test_files_of_another_version_are_refused(tmp_path: Path) -> None:
-    save_parts(tmp_path, {"a": np.arange(3)}, header(version=5))
-    with pytest.raises(DataError, match=r"nerf\.safetensors has version 5, this release reads 4; fit again"):
+    save_parts(tmp_path, {"a": np.arange(3)}, header(version=6))
+    with pytest.raises(DataError, match=r"nerf\.safetensors has version 6, this release reads 5; fit again"):
         load_parts(tmp_path)
     write_arrays(tmp_path / FIELD_FILE, {"a": np.arange(3)})  # as before version 4, with the header in nerf.json
-    with pytest.raises(DataError, match=r"nerf\.safetensors has version 3 or lower, this release reads 4; fit again"):
+    with pytest.raises(DataError, match=r"nerf\.safetensors has version 3 or lower, this release reads 5; fit again"):
         load_parts(tmp_path)
 
 

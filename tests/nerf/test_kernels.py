@@ -26,7 +26,7 @@ BOX = SceneBox(np.zeros(3, np.float32), np.array([2, 1.5, 1], np.float32), 0.25)
 SETTINGS = ProposalSettings(
     samples=8, proposal_samples=(12, 10), levels=4, log2_entries=10, hidden=16, appearance=4,
     proposal_levels=2, proposal_log2_entries=9, distortion_weight=0.5, semantic_weight=0.3, depth_weight=200.0,
-    far=6.0, min_weight=0.0, padding=0.5, sharpness=4.0, behind=0.5,
+    far=6.0, fine=0.2, min_weight=0.0, histogram_padding=0.05, sharpness=4.0, behind=0.5,
 )  # fmt: skip
 
 

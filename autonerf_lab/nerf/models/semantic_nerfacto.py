@@ -26,6 +26,7 @@ SETTINGS = {
         proposal_levels=5,
         proposal_log2_entries=17,
         proposal_ratio=4.0,
+        histogram_padding=0.01,
         levels=16,
         log2_entries=19,
         coarse=0.96,  # 16 to 2048 cells over 15 m

@@ -74,7 +74,7 @@ class ProposalSampler:
             proposals.propose(self._matrices(k), enc, edges, weights, raw)
             rounds.append(ProposalRound(x, enc, edges, weights, raw))
             finer = self._buffer(f"edges {k + 1}", count, following + 1)
-            volume_rendering.resample(edges, weights, jitter, np.float32(s.padding / samples), finer)
+            volume_rendering.resample(edges, weights, jitter, np.float32(s.histogram_padding), finer)
             edges = finer
         return Samples.between(edges[:given], (edges, rounds))
 

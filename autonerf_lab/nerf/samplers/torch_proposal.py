@@ -35,7 +35,7 @@ class TorchProposalSampler:
             raw = (hidden @ p[f"proposal_{k}_1"][0]).view(len(rays), edges.shape[1] - 1)
             weights = rendering.weights_from_density(rendering.density_from_raw(raw), edges[:, :-1], edges[:, 1:])
             rounds.append((edges, weights))
-            edges = rendering.resample(edges, weights, shift, s.padding / weights.shape[1], following)
+            edges = rendering.resample(edges, weights, shift, s.histogram_padding, following)
         return Samples.between(edges.cpu().numpy(), (edges, rounds))
 
     def learn(
