@@ -1,8 +1,8 @@
 """Imitation of frontier exploration, before PPO.
 
-An untrained network chooses random waypoints, and PPO would need most of a million frames to learn that waypoints at
-the border of the explored area pay off. A few minutes of behaviour cloning of ``frontier`` in the training scenes teach
-this, and initialise the value estimate. PPO then optimises the reward.
+An untrained network chooses random waypoints. A few minutes of behaviour cloning of ``frontier`` in the training scenes
+teach it that waypoints at the border of the explored area pay off, and initialise the value estimate. PPO then
+optimises the reward.
 
 The observations of the demonstrations do not contain previous waypoints. Frontier exploration mostly keeps its
 waypoint, so a network that saw them would learn to repeat its own.

@@ -1,6 +1,7 @@
 """Weights of the package: complete metadata, inputs and outputs as at the end of training, and behaviour."""
 
-from dataclasses import fields
+import json
+from dataclasses import asdict, fields
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from autonerf_lab.policies.weights import load_weights, read_meta
 from autonerf_lab.scenes import load_scene
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.training.probe import Probe, probe
-from autonerf_lab.training.settings import PolicySettings
+from autonerf_lab.training.settings import PolicySettings, settings_of
 from autonerf_lab.training.train import make_env
 
 EXPLORING = sorted(WEIGHTS.glob("*.safetensors"))
@@ -68,6 +69,8 @@ def test_built_in_weights_are_small_and_have_complete_metadata(path):
     assert meta["command"].startswith(f"autonerf-lab train-policy --policy {meta['policy']} --frames ")
     assert meta["frames"] >= 500_000 and meta["hours"] > 0 and meta["seed"] is not None
     assert all(row["frames"] > 0 and np.isfinite(row["reward"]) for row in meta["curve"])
+    today = asdict(settings_of(meta["policy"], frames=0, seed=meta["seed"]))  # as the command has them now
+    assert json.loads(json.dumps(today)) == {name: meta["settings"][name] for name in today}
     assert any(np.abs(array.astype(np.float32)).max() > 0 for array in load_file(path).values())
     if path in EXPLORING:
         assert meta["policy"] == path.stem
