@@ -120,7 +120,7 @@ _POINTGOAL = PolicySpec(
     fixed_length=False,
 )
 _PAPER_NETWORK = {"kind": "paper", "window": 120}  # cells of 10 cm; the paper has 240 of 5 cm
-# Modular policies whose network has no inputs but the paper's map. Their training differs in nothing else.
+# Modular policies whose network has no inputs but the paper's map. Other settings are equal.
 _PAPER = replace(
     _MODULAR,
     name="paper",

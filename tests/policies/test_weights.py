@@ -1,4 +1,4 @@
-"""Weights of the package: complete metadata, inputs and outputs as at the end of training, and behaviour."""
+"""Weights of the package: complete metadata, inputs and outputs as stored beside them, and behaviour."""
 
 import json
 from dataclasses import asdict, fields
