@@ -162,7 +162,10 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
         ax.minorticks_off()
         ax.grid(alpha=0.3)
     axes[2].set(yscale="log")
-    axes[2].set_yticks([0.02, 0.05, 0.1, 0.2, 0.5, 1.0], ["0.02", "0.05", "0.1", "0.2", "0.5", "1"])
+    marks = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0]
+    low, high = axes[2].get_ylim()
+    axes[2].set_yticks([mark for mark in marks if low <= mark <= high], minor=False)
+    axes[2].yaxis.set_major_formatter("{x:g}")
     axes[2].yaxis.set_minor_formatter("")
     axes[0].legend(frameon=False, fontsize=8)
     figure.suptitle(f"{', '.join(scenes)}: mean and range of held-out views" if len(scenes) > 1 else scenes[0])

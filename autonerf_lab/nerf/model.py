@@ -109,6 +109,9 @@ class DepthGuidedSampler(Protocol):
     def observe(self, pixels: PixelSampler) -> None:
         """Take in the measured depth of the training images."""
 
+    def filter_depth(self, rays: Rays, depth: np.ndarray) -> np.ndarray:
+        """Return the (R,) depth to train with: the measured one, or what all images together say; 0 for none."""
+
 
 @runtime_checkable
 class CoarseToFineField(Protocol):
@@ -171,6 +174,8 @@ class Model:
         The gradients may be buffers to which the next step adds, unless the optimiser has cleared them.
         """
         jitter = rng.random(len(rays), dtype=np.float32)
+        if isinstance(self.sampler, DepthGuidedSampler):
+            targets = replace(targets, depth=self.sampler.filter_depth(rays, targets.depth))
         rays = replace(rays, depth=targets.depth)
         if self.pose_offsets is None:
             samples = self.sampler.sample(rays, jitter)

@@ -64,6 +64,35 @@ def test_free_distances_are_those_of_the_chessboard() -> None:
     assert (grid[count == 0] == UNKNOWN).all() and (grid[(count > 0) & ~free] == 10).all()
 
 
+def test_noisy_depth_is_replaced_by_the_fused_surface() -> None:
+    """By hand: 2 m / cos of the angle to the wall; free space has no surface; exact depth stays as it is."""
+    distances = (WALL * 1000 - 30 * np.arange(80) - 15).clip(-105, 500)  # millimetres along z, first voxel at z = 0
+    distances[distances == -105] = UNKNOWN
+    voxels = np.tile(distances.astype(np.int16), (70, 5, 1))
+    wall = DistanceGrid(voxels, np.float32([-1.05, -0.075, 0]), 0.03, 0.09)
+    slopes = np.linspace(-0.4, 0.4, 40)
+    directions = np.stack([slopes, 0 * slopes, np.ones(40)], axis=1).astype(np.float32)
+    lengths = np.linalg.norm(directions, axis=1)
+    rays = Rays(np.zeros((40, 3), np.float32), directions / lengths[:, None])
+    measured = (WALL * lengths + np.random.default_rng(0).normal(0, 0.02, 40)).astype(np.float32)
+    measured[:4] = 0, 1.0, 2.6, 5.0
+    assert wall.filter_depth(rays, measured) is measured  # without noise
+    found = replace(wall, noise=0.01).filter_depth(rays, measured)
+    np.testing.assert_allclose(found[4:], (WALL * lengths)[4:], atol=0.004)
+    np.testing.assert_array_equal(found[:4], np.float32([0, 0, 2.6, 5.0]))  # nothing is known behind the wall
+
+    noisy = wall_pixels()
+    assert noisy.depth is not None
+    noisy.depth += np.random.default_rng(0).normal(0, 0.02, noisy.depth.shape).astype(np.float32)
+    sampler = SurfaceSampler(SETTINGS)
+    rays = replace(rays, directions=rays.directions * np.float32([1, 1, -1]))
+    assert sampler.filter_depth(rays, measured) is measured  # nothing is observed
+    sampler.observe(noisy)
+    np.testing.assert_allclose(sampler.filter_depth(rays, measured)[4:], (WALL * lengths)[4:], atol=0.008)
+    sampler.observe(wall_pixels())
+    assert sampler.filter_depth(rays, measured) is measured
+
+
 def test_bins_of_a_training_ray_end_behind_its_measurement() -> None:
     sampler = SurfaceSampler(SETTINGS)
     sampler.observe(wall_pixels())

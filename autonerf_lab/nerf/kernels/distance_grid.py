@@ -14,6 +14,8 @@ UNKNOWN = np.int16(32767)
 MILLIMETRE = np.float32(0.001)
 CERTAIN = np.float32(30.0)  # metres; larger values are unknown
 MAX_STEPS = 512  # of a ray
+SECANT_STEPS = 4  # of the search for the fused surface near a measured depth
+MET = np.float32(0.004)  # metres; a smaller distance is on the surface
 # Bins per metre of a ray, relative to those around its surface.
 NEAR_SHARE = np.float32(0.3)  # near surfaces that a training ray passes, where the field must learn to be empty
 UNKNOWN_SHARE = np.float32(0.05)
@@ -120,6 +122,50 @@ def _interpolated(grid, x, y, z):
             known += weight
             total += weight * np.float32(grid[a, b, c])
     return MILLIMETRE * (total / known) if known > np.float32(0.4) else MILLIMETRE * np.float32(UNKNOWN)
+
+
+@njit(inline="always")
+def _distance_at(o, d, t, origin, voxel, grid):
+    """Return the interpolated distance at a point of a ray, metres."""
+    x = (o[0] + t * d[0] - origin[0]) / voxel
+    y = (o[1] + t * d[1] - origin[1]) / voxel
+    z = (o[2] + t * d[2] - origin[2]) / voxel
+    return _interpolated(grid, x, y, z)
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def surface_depth(rays_o, rays_d, depth, origin, voxel, grid, reach, found):
+    """Write where rays meet the fused surface near their measured depth: the root of the distance, by secant steps.
+
+    Args:
+        rays_o, rays_d: (R, 3) float32, unit directions.
+        depth: (R,) float32 measured distance along the ray, metres, or 0.
+        origin: (3,) float32 outer corner of voxel [0, 0, 0], metres.
+        voxel: metres.
+        grid: (X, Y, Z) int16 distance grid.
+        reach: largest distance of the surface from the measured depth, metres.
+        found: (R,), written, metres: the measured depth where no distance is known, and 0 without a surface in reach.
+    """
+    for r in prange(rays_o.shape[0]):
+        o, d, last_t = rays_o[r], rays_d[r], depth[r]
+        last = _distance_at(o, d, last_t, origin, voxel, grid) if last_t > ZERO else CERTAIN
+        found[r] = last_t
+        if last >= CERTAIN:
+            continue
+        nearest, met, t = abs(last), last_t, last_t + last
+        for _ in range(SECANT_STEPS):
+            distance = _distance_at(o, d, t, origin, voxel, grid)
+            if distance >= CERTAIN:
+                break
+            if abs(distance) < nearest:
+                nearest, met = abs(distance), t
+            change = last - distance
+            if nearest < MILLIMETRE or abs(change) < SMALLEST:
+                break
+            step = min(max(distance * (t - last_t) / change, -reach), reach)
+            last_t, last = t, distance
+            t += step
+        found[r] = met if nearest < MET and abs(met - depth[r]) < reach else ZERO
 
 
 @njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from autonerf_lab.errors import DataError
-from autonerf_lab.nerf.distance_grid import fuse_depth
+from autonerf_lab.nerf.distance_grid import DistanceGrid, fuse_depth
 from autonerf_lab.nerf.kernels import ray_marching, volume_rendering
 from autonerf_lab.nerf.model import Field
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
@@ -43,12 +43,13 @@ class OccupancySampler:
             "occupancy_steps": np.zeros(1, np.int64),
         }
         self._unmeasured = np.ones(shape, np.bool_)  # False where depth shows that a cell is empty
+        self._grid: DistanceGrid | None = None
 
     def observe(self, pixels: PixelSampler) -> None:
         """Mark the cells that measured rays have crossed; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
         if not self.settings.depth_weight:
             return
-        grid = fuse_depth(pixels, self.settings.cell / 2, self.settings.cell, FUSED_RAYS)
+        self._grid = grid = fuse_depth(pixels, self.settings.cell / 2, self.settings.cell, FUSED_RAYS)
         shape = self._unmeasured.shape
         centers = (np.stack([*np.indices(shape)], axis=-1).reshape(-1, 3) + 0.5) / shape
         # Inside the box, the corners of a cell are at most 0.87 times its side away. Cells of the shell are longer, and
@@ -56,6 +57,10 @@ class OccupancySampler:
         free = grid(self.box.expand(centers)).reshape(shape) > 0.9 * self.settings.cell
         self._unmeasured = ~free
         self.state["occupancy"][free] = 0
+
+    def filter_depth(self, rays: Rays, depth: np.ndarray) -> np.ndarray:
+        """Return the depth to train with; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
+        return depth if self._grid is None else self._grid.filter_depth(rays, depth)
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""

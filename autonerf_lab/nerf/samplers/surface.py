@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from autonerf_lab.nerf.distance_grid import fuse_depth
+from autonerf_lab.nerf.distance_grid import DistanceGrid, fuse_depth
 from autonerf_lab.nerf.kernels.distance_grid import surface_bins
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
@@ -24,6 +24,7 @@ class SurfaceSampler:
         self.settings = settings
         self.parameters: Arrays = {}
         self.state: dict[str, np.ndarray] = {}
+        self._grid: DistanceGrid | None = None
         self.observed: dict[str, np.ndarray] = {
             # (X, Y, Z) millimetres, see :mod:`autonerf_lab.nerf.kernels.distance_grid`
             "distances": np.zeros((0, 0, 0), np.int16),
@@ -33,8 +34,12 @@ class SurfaceSampler:
     def observe(self, pixels: PixelSampler) -> None:
         """Fuse the depth of training images; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
         s = self.settings
-        grid = fuse_depth(pixels, s.voxel, s.truncation, s.fused_rays)
+        self._grid = grid = fuse_depth(pixels, s.voxel, s.truncation, s.fused_rays)
         self.observed["distances"], self.observed["distances_origin"] = grid.distances, grid.origin
+
+    def filter_depth(self, rays: Rays, depth: np.ndarray) -> np.ndarray:
+        """Return the depth to train with; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
+        return depth if self._grid is None else self._grid.filter_depth(rays, depth)
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
