@@ -56,6 +56,7 @@ VARIATIONS = (
     Variation("interlevel weight 0.1", {"interlevel_weight": 0.1}),
     Variation("24 samples", {"samples": 24}),
     Variation("16 samples", {"samples": 16}),
+    # A step takes 0.745 times as long as one of the base.
     Variation("16 samples, as much time", {"samples": 16, "steps": round(BASE.steps / 0.745)}),
     Variation("12 samples", {"samples": 12}),
     Variation("half the rays, twice the steps", {"rays": BASE.rays // 32 * 16, "steps": 2 * BASE.steps}),

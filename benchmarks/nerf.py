@@ -164,7 +164,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     axes[2].set(yscale="log")
     marks = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0]
     low, high = axes[2].get_ylim()
-    axes[2].set_yticks([mark for mark in marks if low <= mark <= high], minor=False)
+    axes[2].set_yticks([mark for mark in marks if low <= mark <= high])
     axes[2].yaxis.set_major_formatter("{x:g}")
     axes[2].yaxis.set_minor_formatter("")
     axes[0].legend(frameon=False, fontsize=8)

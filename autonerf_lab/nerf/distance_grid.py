@@ -37,23 +37,16 @@ class DistanceGrid:
             rays: R rays.
             depth: (R,) float32 measured distances along the rays, metres; 0 for none.
         """
-        return depth if self.noise < NOISY * self.voxel else self._surface_depth(rays, depth)
+        return depth if self.noise < NOISY * self.voxel else self.surface_depth(rays, depth)
 
-    def _surface_depth(self, rays: Rays, depth: np.ndarray) -> np.ndarray:
+    def surface_depth(self, rays: Rays, depth: np.ndarray) -> np.ndarray:
+        """Return where rays meet the fused surface near their measured depth; see the kernel of this name."""
         found = np.empty_like(depth)
         distance_grid.surface_depth(
             rays.origins, rays.directions, depth, self.origin, np.float32(self.voxel), self.distances,
             np.float32(1.5 * self.truncation), found,
         )  # fmt: skip
         return found
-
-    def with_noise(self, pixels: PixelSampler) -> "DistanceGrid":
-        """Return the grid with the noise of the measured depth of training images."""
-        chosen = pixels.spread(NOISE_RAYS)
-        rays, depth = pixels.rays(chosen), pixels.targets(chosen).depth
-        found = self._surface_depth(rays, depth)
-        both = (depth > 0) & (found > 0)
-        return replace(self, noise=float(np.median(np.abs(found - depth)[both]))) if both.any() else self
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Return the (N,) distances of the voxels that hold (N, 3) points, metres; NaN where nothing was measured."""
@@ -102,7 +95,18 @@ def fuse_depth(pixels: PixelSampler, voxel: float, truncation: float, max_rays: 
         )
     distances = np.empty(shape, np.int16)
     distance_grid.finish(total, weight, np.float32(voxel), np.float32(truncation), distances)
-    return DistanceGrid(distances, low, voxel, truncation).with_noise(pixels)
+    grid = DistanceGrid(distances, low, voxel, truncation)
+    return replace(grid, noise=_noise(grid, pixels))
+
+
+def _noise(grid: DistanceGrid, pixels: PixelSampler) -> float:
+    """Return the median distance of the measured depth of training images from the fused surface, metres."""
+    moved = [np.zeros(0, np.float32)]
+    for origins, directions, depth in _measured(pixels, pixels.spread(NOISE_RAYS)):
+        found = grid.surface_depth(Rays(origins, directions), depth)
+        moved.append(np.abs(found - depth)[found > 0])
+    every = np.concatenate(moved)
+    return float(np.median(every)) if len(every) else 0.0
 
 
 def _measured(pixels: PixelSampler, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:

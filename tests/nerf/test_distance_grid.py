@@ -15,8 +15,10 @@ from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.kernels.distance_grid import UNKNOWN, finish
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.ray_batch import Rays
+from autonerf_lab.nerf.samplers.occupancy import OccupancySampler
 from autonerf_lab.nerf.samplers.surface import SurfaceSampler
-from autonerf_lab.nerf.settings import SurfaceSettings
+from autonerf_lab.nerf.scene_box import SceneBox
+from autonerf_lab.nerf.settings import OccupancySettings, SurfaceSettings
 
 WALL = 2.0  # metres in front of the cameras, which look along -z
 SETTINGS = SurfaceSettings(samples=12, evaluation_samples=16, near=0.05, far=6.0)
@@ -91,6 +93,12 @@ def test_noisy_depth_is_replaced_by_the_fused_surface() -> None:
     np.testing.assert_allclose(sampler.filter_depth(rays, measured)[4:], (WALL * lengths)[4:], atol=0.008)
     sampler.observe(wall_pixels())
     assert sampler.filter_depth(rays, measured) is measured
+
+    box = SceneBox(np.zeros(3), np.full(3, 3.0), 0.25)
+    for weight, filtered in ((2.25, True), (0.0, False)):  # instant-ngp trains on depth only if this weight is set
+        occupancy = OccupancySampler(OccupancySettings(depth_weight=weight), box, None)  # type: ignore[arg-type]
+        occupancy.observe(noisy)
+        assert (occupancy.filter_depth(rays, measured) is not measured) == filtered
 
 
 def test_bins_of_a_training_ray_end_behind_its_measurement() -> None:

@@ -125,11 +125,19 @@ def _interpolated(grid, x, y, z):
 
 
 @njit(inline="always")
+def _place(o, d, t, origin, voxel):
+    """Return where a point of a ray is in the grid, voxels."""
+    return (
+        (o[0] + t * d[0] - origin[0]) / voxel,
+        (o[1] + t * d[1] - origin[1]) / voxel,
+        (o[2] + t * d[2] - origin[2]) / voxel,
+    )
+
+
+@njit(inline="always")
 def _distance_at(o, d, t, origin, voxel, grid):
     """Return the interpolated distance at a point of a ray, metres."""
-    x = (o[0] + t * d[0] - origin[0]) / voxel
-    y = (o[1] + t * d[1] - origin[1]) / voxel
-    z = (o[2] + t * d[2] - origin[2]) / voxel
+    x, y, z = _place(o, d, t, origin, voxel)
     return _interpolated(grid, x, y, z)
 
 
@@ -173,9 +181,7 @@ def _measured_steps(o, d, surface, origin, voxel, grid, near, band, before, behi
     """Divide a ray up to its measured surface into steps, and return their number; see :func:`surface_bins`."""
     t, total, count, start = near, ZERO, 0, surface - before
     while t < start and count < MAX_STEPS - 1:
-        x = (o[0] + t * d[0] - origin[0]) / voxel
-        y = (o[1] + t * d[1] - origin[1]) / voxel
-        z = (o[2] + t * d[2] - origin[2]) / voxel
+        x, y, z = _place(o, d, t, origin, voxel)
         distance = _nearest(grid, x, y, z)
         step, weight = voxel, NEAR_SHARE
         if distance > CERTAIN:
@@ -203,9 +209,7 @@ def _searched_steps(o, d, origin, voxel, grid, near, far, band, behind, ends, sh
     t, total, count, last, blind, inside = near, ZERO, 0, CERTAIN, ZERO, ZERO
     fine = np.float32(0.5) * voxel
     while t < far and count < MAX_STEPS:
-        x = (o[0] + t * d[0] - origin[0]) / voxel
-        y = (o[1] + t * d[1] - origin[1]) / voxel
-        z = (o[2] + t * d[2] - origin[2]) / voxel
+        x, y, z = _place(o, d, t, origin, voxel)
         distance = _nearest(grid, x, y, z)
         if distance < band + voxel or distance > CERTAIN:
             distance = _interpolated(grid, x, y, z)
