@@ -99,7 +99,7 @@ class Grid:
     starts: int = 5  # number of start poses per scene
     models: tuple[str, ...] = ("semantic-nerfacto",)
     preset: str = "fast"
-    optional: tuple[str, ...] = ()  # optional tasks: navigation (minutes per cell), finetuning (half an hour and more per cell)
+    optional: tuple[str, ...] = ()  # optional tasks: navigation (minutes per cell), finetuning (an hour per cell)
     noise: str | None = None  # model of the noise of motion and odometry; None: exact
     noise_scale: float | None = None  # factor of this noise
     depth_noise: str | None = None  # model of the noise of depth images; None: exact

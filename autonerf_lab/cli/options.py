@@ -54,7 +54,7 @@ FieldPath = Annotated[Positional[Path], option(help="Run folder, or output folde
 Overwrite = Annotated[bool, option(help="Replace finished results. Only files written by this package are removed.")]
 OptionalTasks = Annotated[
     str | None,
-    option(metavar="A,B", help="Optional tasks: navigation (minutes per run), finetuning (half an hour and more per run)."),
+    option(metavar="A,B", help="Optional tasks: navigation (minutes per run), finetuning (an hour per run)."),
 ]
 NoiseName = Annotated[
     str | None, option(metavar="NAME", help="Noise of motion and odometry: ans, locobot, and others.", default="none")
