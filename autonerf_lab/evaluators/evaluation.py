@@ -80,7 +80,7 @@ def evaluate(
         tasks: names in :data:`~autonerf_lab.evaluators.TASKS`, or of installed packages. Default: all built-in tasks
             that are not optional, ``trajectory`` for a field trained on other poses than the true ones, and
             ``segmentation`` for one trained on predicted labels.
-            ``navigation`` (minutes) and ``finetuning`` (half an hour and more) run only if they are named.
+            ``navigation`` (minutes) and ``finetuning`` (an hour) run only if they are named.
         progress: show a progress bar.
         trajectory: training data of the field. With it, ``scores.baselines["nearest_view"]`` holds the rendering scores
             of the nearest training image, and ``["tsdf"]`` the mesh scores of the fused depth (extra ``open3d``).

@@ -12,6 +12,7 @@ from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf import distance_grid
 from autonerf_lab.nerf.distance_grid import DistanceGrid, fuse_depth
 from autonerf_lab.nerf.field_frame import FieldFrame
+from autonerf_lab.nerf.fields.hash_field import HashField
 from autonerf_lab.nerf.kernels.distance_grid import UNKNOWN, finish
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.ray_batch import Rays
@@ -96,7 +97,8 @@ def test_noisy_depth_is_replaced_by_the_fused_surface() -> None:
 
     box = SceneBox(np.zeros(3), np.full(3, 3.0), 0.25)
     for weight, filtered in ((2.25, True), (0.0, False)):  # instant-ngp trains on depth only if this weight is set
-        occupancy = OccupancySampler(OccupancySettings(depth_weight=weight), box, None)  # type: ignore[arg-type]
+        settings = OccupancySettings(depth_weight=weight, log2_entries=10)
+        occupancy = OccupancySampler(settings, box, HashField(settings, box, 0, 2, np.random.default_rng(0)))
         occupancy.observe(noisy)
         assert (occupancy.filter_depth(rays, measured) is not measured) == filtered
 
