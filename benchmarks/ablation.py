@@ -87,6 +87,7 @@ COLUMNS = {  # score -> heading, factor, decimals
     "psnr": ("PSNR, dB", 1, 2),
     "ssim": ("SSIM", 1, 3),
     "per_class_accuracy": ("per-class accuracy, %", 1, 1),
+    "miou": ("mIoU, %", 1, 1),
     "depth_median_error_m": ("median depth error, cm", 100, 1),
     "relative_step": ("time of a step, base = 1", 1, 2),
 }
@@ -108,7 +109,7 @@ def relative_step(folder: Path, row: Variation, quick: bool) -> float:
         for _ in range(3 if quick else trainer.settings.steps // 8):
             trainer.step()
     # 16 steps, because the occupancy grid is updated every 16 steps
-    times = interleaved({name: (trainer.step, 16) for name, trainer in trainers.items()}, 1 if quick else 5)
+    times = interleaved({name: (trainer.step, 16) for name, trainer in trainers.items()}, 1 if quick else 15)
     return times["row"] / times["base"]
 
 
@@ -172,7 +173,7 @@ def random_differences(base: list[dict[str, Any]], seeds: int) -> str:
         return ""
     ranges = dict(zip(keys, np.ptp(values, axis=1).mean(axis=0), strict=True))
     found = [f"{COLUMNS[key][1] * spread:.{COLUMNS[key][2]}f}" for key, spread in ranges.items()]
-    return "\nTrainings of the base with another seed differ by {} dB, {} (SSIM), {} points and {} cm.".format(*found)
+    return "\nTrainings of the base with another seed differ by {} dB, {} (SSIM), {} and {} points, and {} cm.".format(*found)
 
 
 def text(results: dict[str, list[dict[str, Any]]], options: argparse.Namespace) -> str:
