@@ -173,7 +173,9 @@ def random_differences(base: list[dict[str, Any]], seeds: int) -> str:
         return ""
     ranges = dict(zip(keys, np.ptp(values, axis=1).mean(axis=0), strict=True))
     found = [f"{COLUMNS[key][1] * spread:.{COLUMNS[key][2]}f}" for key, spread in ranges.items()]
-    return "\nTrainings of the base with another seed differ by {} dB, {} (SSIM), {} and {} points, and {} cm.".format(*found)
+    return "\nTrainings of the base with another seed differ by {} dB, {} (SSIM), {} and {} points, and {} cm.".format(
+        *found
+    )
 
 
 def text(results: dict[str, list[dict[str, Any]]], options: argparse.Namespace) -> str:

@@ -104,6 +104,8 @@ class TrainingState(Progress):
 
     Attributes:
         average: mean of the parameters at the end of the training, if the settings ask for it.
+        planes: arguments of :meth:`~autonerf_lab.nerf.pixel_sampler.PixelSampler.learn_planes`; empty before the
+            training looks for planes.
         failures: number of skipped steps in a row. After one, the parameters may be no longer finite.
     """
 
@@ -111,6 +113,7 @@ class TrainingState(Progress):
         super().__init__()
         self.model, self.optimizer, self.rng = model, optimizer, rng
         self.average = ParameterAverage(model.parameters if model.settings.averaged else {})
+        self.planes: dict[str, np.ndarray] = {}
         self.failures = 0
         self._snapshot: tuple[list[np.ndarray], dict[str, int], int] | None = None
         self._saved = time.perf_counter()
@@ -145,6 +148,8 @@ class TrainingState(Progress):
                     assign(array, arrays[f"{prefix}/{name}"])
             if header.optimizer_steps.keys() != self.optimizer.steps.keys() or min(header.optimizer_steps.values()) < 0:
                 raise ValueError("optimizer_steps")
+            if "planes/pixels" in arrays:
+                self.planes = {name: arrays[f"planes/{name}"] for name in ("pixels", "depth")}
             self.optimizer.steps.update(header.optimizer_steps)
             self.average.count = header.averaged
             self.rng.bit_generator.state = header.rng
@@ -160,7 +165,7 @@ class TrainingState(Progress):
             return
         arrays = {
             f"{prefix}/{name}": to_numpy(array)
-            for prefix, group in self._groups().items()
+            for prefix, group in {**self._groups(), "planes": self.planes}.items()
             for name, array in group.items()
         }
         header = {

@@ -16,6 +16,7 @@ from autonerf_lab.data.dataset import Dataset
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError, TrainingError
 from autonerf_lab.geometry import is_planar, planar_from_pose
+from autonerf_lab.nerf import planes
 from autonerf_lab.nerf.checkpoint import TrainingState
 from autonerf_lab.nerf.driven_floor import driven_floor_depth, drove_here
 from autonerf_lab.nerf.field_frame import SPREAD, FieldFrame, inliers
@@ -114,6 +115,8 @@ def fit(
         if checkpoint is not None:
             limit = {} if seconds is None else {"seconds": seconds}
             state.resume(checkpoint, {"seed": seed, "model": spec.name, "views": _fingerprint(data)} | limit)
+            if state.planes:
+                pixels.learn_planes(**state.planes)
         log = None if log_dir is None else TensorBoardLog(log_dir, state.step)
         callbacks = [call for call in (callback, log) if call is not None]
         try:
@@ -206,6 +209,8 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
         )
     if settings.floor_weight and not drove_here(data):
         settings = replace(settings, floor_weight=0.0)
+    if settings.depth_weight or not settings.floor_weight:
+        settings = replace(settings, rays_on_planes=0.0)
     # Without depth training, the only depth is that of the driven floor.
     if not data.metric or not settings.depth_weight or data.meta.get("semantics") in RANDOM_LABELS:
         settings = replace(settings, label_distance=0.0)
@@ -248,6 +253,9 @@ def _train(
             share = state.step / settings.steps if seconds is None else state.seconds / seconds
             if share >= 1:
                 break
+            if settings.rays_on_planes and share >= planes.START and not state.planes:
+                state.planes = dict(zip(("pixels", "depth"), planes.planar_pixels(state.model, pixels), strict=True))
+                pixels.learn_planes(**state.planes)
             train_step(state, pixels, share)
             if not state.failures and share >= 1 - settings.averaged and state.step % AVERAGE_EVERY == 0:
                 state.average.add()
@@ -282,7 +290,8 @@ def train_step(state: TrainingState, pixels: PixelSampler, share: float) -> None
     if state.step % SNAPSHOT_EVERY == 0 and not state.failures:
         state.take_snapshot()
     model.set_progress(share)
-    chosen = pixels.sample(model.settings.rays, state.rng, model.settings.rays_by_class)
+    settings = model.settings
+    chosen = pixels.sample(settings.rays, state.rng, settings.rays_by_class, settings.rays_on_planes)
     rays = pixels.rays(chosen)
     gradients, losses = model.train_step(rays, pixels.targets(chosen), state.rng)
     broken = [name for name, value in losses.items() if not np.isfinite(value)]

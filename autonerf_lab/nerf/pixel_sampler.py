@@ -30,6 +30,7 @@ class PixelSampler:
         self.depth = _flat(data.depths)
         self._confidence = _flat(data.confidences)
         self._label_distance = label_distance
+        self._planar = np.zeros(0, np.int64)  # pixels that show planes of the field
         used = _flat(data.masks)
         self._used = None if used is None else np.flatnonzero(used)  # pixels that may be sampled; None: all
         self._width = np.array([camera.width for camera in data.intrinsics])
@@ -52,12 +53,13 @@ class PixelSampler:
         """Return the number of pixels."""
         return len(self.rgb)
 
-    def sample(self, count: int, rng: np.random.Generator, by_class: float = 0.0) -> np.ndarray:
+    def sample(self, count: int, rng: np.random.Generator, by_class: float = 0.0, on_planes: float = 0.0) -> np.ndarray:
         """Sample pixels with replacement.
 
         Args:
             count: number of pixels.
             rng: source of randomness.
+            on_planes: share of the pixels that is sampled from those of :meth:`learn_planes`, if there are any.
             by_class: share of the pixels that is sampled by class, with class probabilities proportional to the square
                 root of their pixel counts, so that small objects are seen often enough; the rest is uniform.
 
@@ -71,7 +73,30 @@ class PixelSampler:
             by_label, sizes, first, chances = self._classes
             classes = np.searchsorted(chances, rng.random(some), side="right")
             pixels[:some] = by_label[first[classes] + (rng.random(some) * sizes[classes]).astype(np.int64)]
+        if (some := round(on_planes * count)) and len(self._planar):
+            pixels[-some:] = self._planar[rng.integers(len(self._planar), size=some)]
         return pixels
+
+    def learn_planes(self, pixels: np.ndarray, depth: np.ndarray) -> None:
+        """Set the depth of (N,) pixels that show planes of the field, see :mod:`~autonerf_lab.nerf.planes`."""
+        if self.depth is None:
+            self.depth = np.full(len(self), NO_DEPTH, np.float32)
+        self.depth[pixels] = depth
+        self._planar = pixels
+
+    def grid(self, views: int, per_view: int) -> np.ndarray:
+        """Return (T, H, W) indices of a grid of pixels: at most ``views`` and ``per_view`` in each direction.
+
+        All images must have the same size.
+        """
+        width, height = int(self._width[0]), int(self.first[1] // self._width[0])
+        spacing, skipped = -(-max(width, height) // per_view), -(-len(self._width) // views)
+        rows = np.arange(spacing // 2, height, spacing)[:, None] * width
+        return self.first[:-1:skipped, None, None] + rows + np.arange(spacing // 2, width, spacing)
+
+    def used(self, pixels: np.ndarray) -> np.ndarray:
+        """Return (R,) bool: whether pixels are not masked."""
+        return np.ones(len(pixels), bool) if self._used is None else np.isin(pixels, self._used)
 
     def spread(self, count: int) -> np.ndarray:
         """Return (count,) int64 indices of pixels without masked ones, evenly spaced; all if there are fewer."""
@@ -108,9 +133,12 @@ class PixelSampler:
             measured = self.depth[pixels]
             if trust is not None and self._label_distance:
                 trust *= self._share_of_near(measured)
-            length = np.linalg.norm(self._directions(pixels)[1], axis=1).astype(np.float32)
-            depth = measured * length / np.float32(self.frame.unit)
+            depth = measured * self.length(pixels) / np.float32(self.frame.unit)
         return Targets(color, labels, depth, trust)
+
+    def length(self, pixels: np.ndarray) -> np.ndarray:
+        """Return (R,) float32: the distance along the ray of each pixel at which the depth is 1."""
+        return np.linalg.norm(self._directions(pixels)[1], axis=1).astype(np.float32)
 
     def _share_of_near(self, depth: np.ndarray) -> np.ndarray:
         """Return the factor of the weights of labels at (R,) depths; missing depth counts as twice the distance."""

@@ -9,12 +9,12 @@ from autonerf_lab.errors import DataError
 MAX_COUNT = 1 << 24  # upper limit of every whole number, and of the entries of all hash levels together
 MAY_BE_ZERO = {
     *("near", "semantic_weight", "rays_by_class", "distortion_weight", "depth_weight", "floor_weight"),
-    *("warmup", "averaged", "min_weight", "label_distance"),
+    *("rays_on_planes", "warmup", "averaged", "min_weight", "label_distance"),
     *("appearance", "interlevel_weight", "skip"),
 }
 APARTMENT = 160.0  # m² of explored area, above that of every apartment: settings for larger homes grow with the area
 FINEST, LONGEST = 1e-3, 20.0  # of fused distances, metres: they are stored in int16 millimetres
-SHARES = {"rays_by_class", "warmup", "averaged", "min_weight", "decay"}  # at most 1
+SHARES = {"rays_by_class", "rays_on_planes", "warmup", "averaged", "min_weight", "decay"}  # at most 1
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class Settings:
     # Of the squared error of signed distances, per m²; depth images and ``label_distance`` are used if above 0.
     depth_weight: float = 0.0
     floor_weight: float = 2.25  # of this error where the floor that the robot drove over is seen, if depth is not used
+    rays_on_planes: float = 0.0  # share of rays on planes of the half-trained field, which count as driven floors
     surface_density: float = 67.0  # per metre, at a measured surface
     sharpness: float = 120.0  # growth of the log density through a measured surface, per metre
     free_density: float = 0.0015  # largest density in measured free space, per metre (see ``min_weight``)

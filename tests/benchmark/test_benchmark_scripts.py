@@ -9,7 +9,8 @@ from common.output import model_settings, saved_result, slug
 
 from autonerf_lab.utils.storage import write_json
 
-CELL = {"psnr": 28.0, "ssim": 0.8, "per_class_accuracy": 96.0, "depth_median_error_m": 0.02, "relative_step": None}
+CELL: dict[str, Any] = {"psnr": 28.0, "ssim": 0.8, "per_class_accuracy": 96.0, "miou": 90.0}
+CELL |= {"depth_median_error_m": 0.02, "relative_step": None}
 
 
 def test_a_result_is_found_by_its_identity(tmp_path: Path) -> None:
@@ -32,7 +33,7 @@ def test_a_slug_is_a_file_name() -> None:
 def test_differences_between_seeds_leave_failed_trainings_out() -> None:
     base: list[dict[str, Any]] = [CELL, CELL | {"psnr": 28.5}, CELL, dict.fromkeys(CELL)]  # two scenes, two seeds
     text = ablation.random_differences(base, 2)
-    assert "differ by 0.50 dB, 0.000 (SSIM), 0.0 points and 0.0 cm" in text
+    assert "differ by 0.50 dB, 0.000 (SSIM), 0.0 and 0.0 points, and 0.0 cm" in text
     assert ablation.random_differences(base[2:], 2) == ablation.random_differences(base, 1) == ""
 
 
