@@ -211,7 +211,7 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
         settings = replace(settings, floor_weight=0.0)
     if settings.depth_weight or not settings.floor_weight:
         settings = replace(settings, rays_on_planes=0.0)
-    # Without depth training, the only depth is that of the driven floor.
+    # Without depth training, the only depth is that of the driven floor and of planes.
     if not data.metric or not settings.depth_weight or data.meta.get("semantics") in RANDOM_LABELS:
         settings = replace(settings, label_distance=0.0)
     if data.confidences is not None and settings.label_distance:
@@ -254,7 +254,7 @@ def _train(
             if share >= 1:
                 break
             if settings.rays_on_planes and share >= planes.START and not state.planes:
-                state.planes = dict(zip(("pixels", "depth"), planes.planar_pixels(state.model, pixels), strict=True))
+                state.planes = planes.planar_pixels(state.model, pixels)
                 pixels.learn_planes(**state.planes)
             train_step(state, pixels, share)
             if not state.failures and share >= 1 - settings.averaged and state.step % AVERAGE_EVERY == 0:

@@ -59,9 +59,9 @@ class PixelSampler:
         Args:
             count: number of pixels.
             rng: source of randomness.
-            on_planes: share of the pixels that is sampled from those of :meth:`learn_planes`, if there are any.
             by_class: share of the pixels that is sampled by class, with class probabilities proportional to the square
                 root of their pixel counts, so that small objects are seen often enough; the rest is uniform.
+            on_planes: share of the pixels that is sampled from those of :meth:`learn_planes`, if there are any.
 
         Returns:
             (count,) int64 pixel indices.

@@ -61,7 +61,7 @@ class Plane:
         return bool(similar and 2 * other.covers(self.seen).sum() >= len(self.seen))
 
 
-def planar_pixels(model: Model, pixels: PixelSampler) -> tuple[np.ndarray, np.ndarray]:
+def planar_pixels(model: Model, pixels: PixelSampler) -> dict[str, np.ndarray]:
     """Return the pixels that show planes of a half-trained field, and the depth of these planes.
 
     Args:
@@ -69,7 +69,7 @@ def planar_pixels(model: Model, pixels: PixelSampler) -> tuple[np.ndarray, np.nd
         pixels: those of images of one size, in metres. Pixels of objects and with known depth are left out.
 
     Returns:
-        (N,) int64 indices of pixels, (N,) float32 depth.
+        The arguments of :meth:`~autonerf_lab.nerf.pixel_sampler.PixelSampler.learn_planes`.
     """
     chosen = pixels.grid(VIEWS, PER_VIEW)
     flat = chosen.ravel()
@@ -84,7 +84,7 @@ def planar_pixels(model: Model, pixels: PixelSampler) -> tuple[np.ndarray, np.nd
         usable &= pixels.depth[chosen] == NO_DEPTH
     origins = rays.origins.reshape(*chosen.shape, 3)[:, 0, 0]
     found = planar_depth(depth / length, origins, directions, pixels.rgb[chosen], usable)
-    return chosen[found > 0], found[found > 0]
+    return {"pixels": chosen[found > 0], "depth": found[found > 0]}
 
 
 def planar_depth(
@@ -109,12 +109,8 @@ def planar_depth(
     turned = points @ turn
     planes = find_planes(turned[found], normals[found] @ turn, colors[found])
     planes = [plane for plane in planes if not any(plane.hides(other) for other in planes)]
-
-    chosen = usable.reshape(-1)
     result = np.zeros(depth.shape, np.float32)
-    result[usable] = _nearest_planes(
-        planes, turned.reshape(-1, 3)[chosen], (rays @ turn).reshape(-1, 3)[chosen], depth.reshape(-1)[chosen]
-    )
+    result[usable] = _nearest_planes(planes, turned[usable], rays[usable] @ turn, depth[usable])
     return result
 
 
@@ -194,7 +190,7 @@ def _nearest_planes(planes: list[Plane], points: np.ndarray, rays: np.ndarray, d
         for plane in planes:
             if plane.axis != axis:
                 continue
-            # The slope of a ray against a normal is at most about 1, so that other points are too far away.
+            # Points farther than BACK from the plane are left to other planes, or to colours.
             near = order[slice(*np.searchsorted(along, (plane.offset - BACK, plane.offset + BACK)))]
             near = near[plane.side * rays[near, axis] < -1e-3]
             change = (plane.offset - points[near, axis]) / rays[near, axis]

@@ -36,7 +36,7 @@ class Settings:
     # Of the squared error of signed distances, per m²; depth images and ``label_distance`` are used if above 0.
     depth_weight: float = 0.0
     floor_weight: float = 2.25  # of this error where the floor that the robot drove over is seen, if depth is not used
-    rays_on_planes: float = 0.0  # share of rays on planes of the half-trained field, which count as driven floors
+    rays_on_planes: float = 0.0  # share of rays on planes of the half-trained field, with the loss of driven floors
     surface_density: float = 67.0  # per metre, at a measured surface
     sharpness: float = 120.0  # growth of the log density through a measured surface, per metre
     free_density: float = 0.0015  # largest density in measured free space, per metre (see ``min_weight``)

@@ -51,7 +51,7 @@ def test_bulges_of_walls_vanish(views):
 def test_headings_of_the_walls_do_not_matter(views):
     origins, rays, depth, colors = views
     usable = np.ones(depth.shape, bool)
-    turn = lab.geometry.planar_pose(0, 0, 0.6)[:3, :3] @ lab.geometry.planar_pose(0, 0, 0)[:3, :3].T
+    turn = planar_pose(0, 0, 0.6)[:3, :3] @ planar_pose(0, 0, 0)[:3, :3].T
     straight = planar_depth(bulging(depth, origins, rays), origins, rays, colors, usable)
     turned = planar_depth(bulging(depth, origins, rays), origins @ turn.T, rays @ turn.T, colors, usable)
     assert np.median(np.abs(turned - depth)) < 0.01
@@ -143,7 +143,7 @@ def test_masked_pixels_and_pixels_of_objects_or_of_known_depth_are_left_out(monk
     left = np.zeros(data.images[0].shape[:2], bool)
     left[:, :24] = True
     state, pixels = prepare(replace(data, masks=[left] * len(data)), lab.nerf.MODELS["semantic-nerfacto"], smoke())
-    found, _ = planes.planar_pixels(state.model, pixels)
+    found = planes.planar_pixels(state.model, pixels)["pixels"]
     assert len(found) > 1000
     assert (found % 48 < 24).all()
     assert not pixels.labels[found].any()
