@@ -51,7 +51,7 @@ test: .venv/.installed-all
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n logical --maxprocesses 4 --dist worksteal $(ARGS)
+	$(BIN)/python -m pytest -n logical --maxprocesses 4 --dist worksteal --durations=20 $(ARGS)
 
 # Without the tests that train, render for long, open a browser or run a notebook.
 test-fast: .venv/.installed-all

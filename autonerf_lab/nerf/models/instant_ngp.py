@@ -15,7 +15,7 @@ SETTINGS = {
     "smoke": OccupancySettings(
         steps=120, rays=1024, levels=6, log2_entries=14, table_rate=10.0, candidates=128, seen_rays=60_000
     ),
-    "fast": OccupancySettings(steps=1800),
+    "fast": OccupancySettings(steps=1800, rays_on_planes=0.04),
     "paper": OccupancySettings(
         steps=30_000,
         rays=4096,
