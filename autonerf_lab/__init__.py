@@ -10,6 +10,7 @@ import lazy_loader
 
 import autonerf_lab.envs  # noqa: F401 - registers the environments
 from autonerf_lab.utils.numba_cache import set_numba_cache
+from autonerf_lab.version import __version__ as __version__
 
 # open3d and embreex bring a TBB that is too old for numba, which would find it first and warn.
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
@@ -20,5 +21,4 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("GOMP_SPINCOUNT", "3000")
 set_numba_cache()
 
-__version__ = "0.2.0.dev0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-from autonerf_lab import __version__
 from autonerf_lab.benchmark import paper
 from autonerf_lab.benchmark.cell import reward_of
 from autonerf_lab.benchmark.grid import is_path, label
@@ -12,6 +11,7 @@ from autonerf_lab.benchmark.results import Results
 from autonerf_lab.benchmark.results_table import ResultsTable, Row
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.errors import DataError
+from autonerf_lab.version import __version__
 
 _TRAINING = ("command", "frames", "hours", "seed", "network")  # of the file beside the weights
 

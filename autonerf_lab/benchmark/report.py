@@ -9,7 +9,6 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from autonerf_lab import __version__
 from autonerf_lab.benchmark.card import card
 from autonerf_lab.benchmark.cell import FIGURES
 from autonerf_lab.benchmark.export import export_results, headline, left_out
@@ -26,6 +25,7 @@ from autonerf_lab.evaluators import Scores
 from autonerf_lab.evaluators.tasks import metric_of
 from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
+from autonerf_lab.version import __version__
 
 SHOWN = 3  # number of best and of worst cells
 _CAPTIONS = {

@@ -19,13 +19,13 @@ from typing import Any, NotRequired, TypedDict
 
 import msgspec
 
-from autonerf_lab import __version__
 from autonerf_lab.benchmark.fingerprint import LPIPS, differences, grid_fingerprint
 from autonerf_lab.benchmark.grid import CONDITIONS, Cell, Grid, label
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.pipeline.run_folder import is_empty_except
 from autonerf_lab.types import Score
 from autonerf_lab.utils import storage
+from autonerf_lab.version import __version__
 
 FORMAT_VERSION = 1
 OK = "ok"

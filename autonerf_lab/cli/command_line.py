@@ -15,7 +15,6 @@ from typing import Annotated
 import tyro
 from tyro.conf import subcommand
 
-from autonerf_lab import __version__
 from autonerf_lab.cli.bench import BenchCommand
 from autonerf_lab.cli.course import CourseCommand
 from autonerf_lab.cli.demo import DemoCommand
@@ -42,6 +41,7 @@ from autonerf_lab.errors import AutoNerfError
 from autonerf_lab.utils import plugins
 from autonerf_lab.utils.resources import is_out_of_memory
 from autonerf_lab.utils.storage import is_disk_full
+from autonerf_lab.version import __version__
 
 
 @dataclass(frozen=True)

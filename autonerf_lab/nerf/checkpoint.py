@@ -21,6 +21,7 @@ from autonerf_lab.nerf.optimizer import Adam, ParameterAverage
 from autonerf_lab.nerf.ray_batch import Array, assign, to_numpy
 from autonerf_lab.nerf.settings import Settings
 from autonerf_lab.utils.storage import parse_json, read_arrays, write_arrays, write_json
+from autonerf_lab.version import __version__
 
 VERSION = 5  # of nerf.safetensors
 SAVE_EVERY = 20.0  # seconds of training between two checkpoints
@@ -123,13 +124,14 @@ class TrainingState(Progress):
 
         Args:
             folder: may hold a checkpoint.
-            identity: JSON that identifies the training, with its data and seed; the settings are added.
+            identity: JSON that identifies the training, with its data and seed; the settings and the version of the
+                package are added.
 
         Raises:
-            RunFolderError: the checkpoint belongs to a training with other data or settings.
+            RunFolderError: the checkpoint belongs to a training with other data or settings, or of another version.
             DataError: the checkpoint is damaged.
         """
-        self.identity = {**identity, "settings": settings_to_json(self.model.settings)}
+        self.identity = {"version": __version__, **identity, "settings": settings_to_json(self.model.settings)}
         path = Path(folder) / TRAINING_FILE
         if not path.exists():
             return

@@ -12,7 +12,6 @@ from typing import Any
 
 from PIL import Image
 
-from autonerf_lab import __version__
 from autonerf_lab.data.images import data_url
 from autonerf_lab.errors import DataError
 from autonerf_lab.evaluators.metrics import BASELINES, METRICS, Metric
@@ -22,6 +21,7 @@ from autonerf_lab.pipeline.context import SCAN_SUFFIXES
 from autonerf_lab.pipeline.gallery import StoredFigure, read_gallery
 from autonerf_lab.pipeline.run_folder import STAGES, RunConfig, RunFolder
 from autonerf_lab.utils import storage
+from autonerf_lab.version import __version__
 
 HEADLINES = (
     ("rendering", "psnr"),

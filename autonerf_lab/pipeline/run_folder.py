@@ -15,10 +15,10 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from autonerf_lab import __version__
 from autonerf_lab.errors import DataError, RunFolderError
 from autonerf_lab.pipeline import outputs
 from autonerf_lab.utils import storage
+from autonerf_lab.version import __version__
 
 FORMAT_VERSION = 1
 LOCK = ".lock"

@@ -23,6 +23,7 @@ from autonerf_lab.localization.motion_network import MotionNetwork
 from autonerf_lab.scenes import scene_names
 from autonerf_lab.training.checkpoint import CHECKPOINT, SupervisedHeader, resume_supervised, save_supervised
 from autonerf_lab.training.odometry_pairs import Pairs, sample_batch, training_pairs
+from autonerf_lab.version import __version__
 
 SAVE_EVERY = 60.0  # seconds between two checkpoints
 _LARGEST_LOSS = 50.0  # of a pair, so that a pair of images without a common surface does not count more
@@ -108,7 +109,7 @@ class _Training:
         self.curve: list[dict[str, float]] = []
         self.step, self.seconds, self._started = 0, 0.0, started  # seconds of the processor
         self._losses: list[float] = []
-        self._fingerprint = asdict(settings)
+        self._fingerprint = {"version": __version__, **asdict(settings)}
         self._resume()
 
     def run(self, progress: bool) -> None:

@@ -29,6 +29,7 @@ from autonerf_lab.segmentation.network import CompactNetwork
 from autonerf_lab.training.checkpoint import CHECKPOINT, SupervisedHeader, resume_supervised, save_supervised
 from autonerf_lab.training.segmentation_frames import Frames, held_out_frames, training_frames
 from autonerf_lab.utils.storage import write_bytes
+from autonerf_lab.version import __version__
 
 SAVE_EVERY = 120.0  # seconds between two checkpoints
 _AVERAGE = 0.998  # decay of the moving average of the weights
@@ -119,7 +120,7 @@ class _Training:
         self.step, self.seconds, self._started = 0, 0.0, started
         # bfloat16 saves time where the processor multiplies it in hardware
         self._half = torch.backends.mkldnn.is_available() and torch.ops.mkldnn._is_mkldnn_bf16_supported()
-        self.fingerprint = asdict(settings)
+        self.fingerprint = {"version": __version__, **asdict(settings)}
         del self.fingerprint["steps"]  # a training can be extended
         self._resume()
 

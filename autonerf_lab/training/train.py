@@ -44,6 +44,7 @@ from autonerf_lab.training.settings import PolicySettings, Scenes, command_of, s
 from autonerf_lab.training.shortest_path_expert import imitate_shortest_paths
 from autonerf_lab.training.worker_pool import MakeEnv, WorkerPool
 from autonerf_lab.utils.storage import write_bytes
+from autonerf_lab.version import __version__
 
 _File = tuple[Path, dict[str, Any]]  # path of a checkpoint, and the fingerprint of its training
 IMITATION = "imitation.safetensors"  # checkpoint of a PointGoal policy before PPO
@@ -144,7 +145,8 @@ def train_policy(
     first = None if start is None else weights_path(str(start))
     if first is not None and not first.exists():
         raise DataError(f"{first} does not exist; start from a built-in policy or from a .safetensors file")
-    fingerprint = {"policy": name, **json.loads(json.dumps(asdict(replace(settings, frames=0))))}
+    fingerprint: dict[str, Any] = {"version": __version__, "policy": name}
+    fingerprint |= json.loads(json.dumps(asdict(replace(settings, frames=0))))
     if scenes is not None:
         fingerprint["training_scenes"] = [scene if isinstance(scene, str) else scene.sha256 for scene in scenes]
     if first is not None:

@@ -105,7 +105,7 @@ def test_every_dependency_has_a_tested_version():
 
 def test_version_is_the_same_everywhere():
     version = PYPROJECT["project"]["version"]
-    assert f'__version__ = "{version}"' in (ROOT / "autonerf_lab/__init__.py").read_text()
+    assert f'__version__ = "{version}"' in (ROOT / "autonerf_lab/version.py").read_text()
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
 
 

@@ -84,6 +84,9 @@ def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path, monkeypatch
         training().resume(tmp_path, {"seed": 4})
     with pytest.raises(RunFolderError, match=r"\(different seed, views\)"):
         training().resume(tmp_path, {"seed": 4, "views": 2})
+    monkeypatch.setattr(checkpoint, "__version__", "0.1.0")
+    with pytest.raises(RunFolderError, match=r"\(different version\)"):
+        training().resume(tmp_path, {"seed": 3})
 
 
 @pytest.mark.parametrize(

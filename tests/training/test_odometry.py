@@ -32,6 +32,9 @@ def test_a_training_learns_and_an_interrupted_one_ends_with_the_same_weights(tmp
     assert parts.with_suffix(".safetensors").read_bytes() == whole.with_suffix(".safetensors").read_bytes()
     with pytest.raises(RunFolderError, match=r"belongs to another training \(batch differ\)"):
         train_odometry(tmp_path / "parts", replace(TINY, batch=3), progress=False)
+    monkeypatch.setattr(odometry, "__version__", "0.1.0")
+    with pytest.raises(RunFolderError, match=r"another training \(version differ\)"):
+        train_odometry(tmp_path / "parts", TINY, progress=False)
 
 
 def test_a_loss_that_is_not_finite_is_named(tmp_path):

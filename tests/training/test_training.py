@@ -169,6 +169,9 @@ def test_a_resumed_training_is_bit_identical(name, settings, last, tmp_path, mon
 
     with pytest.raises(RunFolderError, match=r"checkpoint.*\(lr differ\)"):
         run(tmp_path / "parts", replace(settings, lr=2e-3), workers=1)
+    with monkeypatch.context() as patch, pytest.raises(RunFolderError, match=r"checkpoint.*\(version differ\)"):
+        patch.setattr(train, "__version__", "0.1.0")
+        run(tmp_path / "parts", settings, workers=1)
     (tmp_path / "parts" / train.CHECKPOINT).write_bytes(b"\x10\0\0\0\0\0\0\0 not safetensors")
     with pytest.raises(DataError, match=r"checkpoint.safetensors is damaged"):
         run(tmp_path / "parts", settings, workers=1)
