@@ -152,6 +152,9 @@ class TrainingState(Progress):
                 raise ValueError("optimizer_steps")
             if "planes/pixels" in arrays:
                 self.planes = {name: arrays[f"planes/{name}"] for name in ("pixels", "depth")}
+                pixels, depth = self.planes.values()
+                if pixels.dtype != np.int64 or pixels.ndim != 1 or pixels.shape != depth.shape or not (depth > 0).all():
+                    raise ValueError("planes")
             self.optimizer.steps.update(header.optimizer_steps)
             self.average.count = header.averaged
             self.rng.bit_generator.state = header.rng

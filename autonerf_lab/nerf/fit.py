@@ -209,7 +209,7 @@ def _for_data(settings: Settings, data: Dataset) -> Settings:
         )
     if settings.floor_weight and not drove_here(data):
         settings = replace(settings, floor_weight=0.0)
-    if settings.depth_weight or not settings.floor_weight:
+    if settings.depth_weight or not settings.floor_weight or len({(c.width, c.height) for c in data.intrinsics}) > 1:
         settings = replace(settings, rays_on_planes=0.0)
     # Without depth training, the only depth is that of the driven floor and of planes.
     if not data.metric or not settings.depth_weight or data.meta.get("semantics") in RANDOM_LABELS:
@@ -253,7 +253,7 @@ def _train(
             share = state.step / settings.steps if seconds is None else state.seconds / seconds
             if share >= 1:
                 break
-            if settings.rays_on_planes and share >= planes.START and not state.planes:
+            if settings.rays_on_planes and share >= planes.START and not state.planes and not state.failures:
                 state.planes = planes.planar_pixels(state.model, pixels)
                 pixels.learn_planes(**state.planes)
             train_step(state, pixels, share)

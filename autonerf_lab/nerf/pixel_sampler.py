@@ -5,6 +5,7 @@ from functools import cached_property
 import numpy as np
 
 from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.ray_batch import NO_DEPTH, NO_LABEL, Rays, Targets
@@ -78,7 +79,13 @@ class PixelSampler:
         return pixels
 
     def learn_planes(self, pixels: np.ndarray, depth: np.ndarray) -> None:
-        """Set the depth of (N,) pixels that show planes of the field, see :mod:`~autonerf_lab.nerf.planes`."""
+        """Set the depth of (N,) pixels that show planes of the field, see :mod:`~autonerf_lab.nerf.planes`.
+
+        Raises:
+            DataError: there are no such pixels.
+        """
+        if len(pixels) and not 0 <= pixels.min() <= pixels.max() < len(self):
+            raise DataError("the planes are those of other images; remove the checkpoint to start the training again")
         if self.depth is None:
             self.depth = np.full(len(self), NO_DEPTH, np.float32)
         self.depth[pixels] = depth
@@ -91,8 +98,8 @@ class PixelSampler:
         """
         width, height = int(self._width[0]), int(self.first[1] // self._width[0])
         spacing, skipped = -(-max(width, height) // per_view), -(-len(self._width) // views)
-        rows = np.arange(spacing // 2, height, spacing)[:, None] * width
-        return self.first[:-1:skipped, None, None] + rows + np.arange(spacing // 2, width, spacing)
+        rows = np.arange(min(spacing // 2, height - 1), height, spacing)[:, None] * width
+        return self.first[:-1:skipped, None, None] + rows + np.arange(min(spacing // 2, width - 1), width, spacing)
 
     def used(self, pixels: np.ndarray) -> np.ndarray:
         """Return (R,) bool: whether pixels are not masked."""

@@ -74,10 +74,14 @@ def planar_pixels(model: Model, pixels: PixelSampler) -> dict[str, np.ndarray]:
     chosen = pixels.grid(VIEWS, PER_VIEW)
     flat = chosen.ravel()
     rays = pixels.rays(flat)
+    if model.pose_offsets is not None:
+        rays = model.pose_offsets.apply(rays)
     depth = model.render_rays(rays.origins, rays.directions)[2].reshape(chosen.shape)
     length = pixels.length(flat).reshape(chosen.shape)
     directions = rays.directions.reshape(*chosen.shape, 3) * length[..., None]
-    usable = pixels.used(flat).reshape(chosen.shape)
+    finite = np.isfinite(depth)
+    depth = np.where(finite, depth, np.float32(0))
+    usable = pixels.used(flat).reshape(chosen.shape) & finite
     if pixels.labels is not None:
         usable &= pixels.labels[chosen] == 0
     if pixels.depth is not None:

@@ -1,18 +1,19 @@
 """Planes of a half-trained field: where they are found in rooms, and what a training does with them."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
 import autonerf_lab as lab
 from autonerf_lab.data.dataset import Dataset
+from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.nerf import checkpoint, planes
 from autonerf_lab.nerf.fit import prepare
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.planes import planar_depth
-from autonerf_lab.utils.storage import read_arrays
+from autonerf_lab.utils.storage import read_arrays, write_arrays
 
 SIZE = np.array([4.0, 3.0, 2.5])  # of a room with a corner at the origin
 
@@ -130,8 +131,14 @@ def test_training_interrupted_after_planes_were_found_has_the_same_bits(monkeypa
     whole = lab.fit(episode, **options)
     with pytest.raises(KeyboardInterrupt):
         lab.fit(episode, checkpoint=tmp_path, callback=interrupt, **options)
-    arrays, _ = read_arrays(tmp_path / checkpoint.TRAINING_FILE, checkpoint.TrainingHeader)
+    file = tmp_path / checkpoint.TRAINING_FILE
+    arrays, header = read_arrays(file, checkpoint.TrainingHeader)
     assert len(arrays["planes/pixels"]) == len(arrays["planes/depth"]) > 1000
+    for name, wrong, message in (("depth", np.float32("nan"), "damaged"), ("pixels", 10**9, "of other images")):
+        write_arrays(file, {**arrays, f"planes/{name}": arrays[f"planes/{name}"] + wrong}, asdict(header))
+        with pytest.raises(DataError, match=message):
+            lab.fit(episode, checkpoint=tmp_path, **options)
+    write_arrays(file, arrays, asdict(header))
     resumed = lab.fit(episode, checkpoint=tmp_path, **options)
     for name, value in whole.model.parameters.items():
         np.testing.assert_array_equal(value, resumed.model.parameters[name], err_msg=name)
@@ -148,3 +155,22 @@ def test_masked_pixels_and_pixels_of_objects_or_of_known_depth_are_left_out(monk
     assert (found % 48 < 24).all()
     assert not pixels.labels[found].any()
     assert not pixels.depth[found].any()
+
+
+def test_views_are_rendered_at_their_corrected_poses_and_depths_that_are_not_finite_are_left_out(monkeypatch, episode):
+    settings = smoke(refine_cameras=True)
+    state, pixels = prepare(Dataset.from_trajectory(episode), lab.nerf.MODELS["semantic-nerfacto"], settings)
+    assert state.model.pose_offsets is not None
+    state.model.pose_offsets.parameters["camera_shift"][:] = (0.5, 0, 0)
+    rendered = []
+
+    def render(origins, directions):
+        rendered.append(origins)
+        depth = np.full(len(origins), np.nan, np.float32)
+        return np.zeros((len(origins), 3)), np.zeros((len(origins), 1)), depth, np.ones(len(origins))
+
+    monkeypatch.setattr(state.model, "render_rays", render)
+    found = planes.planar_pixels(state.model, pixels)
+    assert len(found["pixels"]) == len(found["depth"]) == 0
+    shift = rendered[0] - pixels.rays(pixels.grid(planes.VIEWS, planes.PER_VIEW).ravel()).origins
+    np.testing.assert_allclose(shift, np.tile([0.5, 0, 0], (len(shift), 1)), atol=1e-5)
