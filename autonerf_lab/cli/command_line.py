@@ -39,7 +39,7 @@ from autonerf_lab.cli.video import VideoCommand
 from autonerf_lab.cli.view import ViewCommand
 from autonerf_lab.errors import AutoNerfError
 from autonerf_lab.utils import plugins
-from autonerf_lab.utils.resources import is_out_of_memory
+from autonerf_lab.utils.resources import claim_blas_buffers, is_out_of_memory
 from autonerf_lab.utils.storage import is_disk_full
 from autonerf_lab.version import __version__
 
@@ -95,6 +95,7 @@ def run(arguments: Sequence[str]) -> int:
         parsed = tyro.cli(CommandLine, prog="autonerf-lab", args=arguments, config=_STYLE)
         debug = parsed.debug
         with plugins.strict() if parsed.strict_plugins else contextlib.nullcontext(), _plain_warnings():
+            claim_blas_buffers()
             parsed.command.run()
         sys.stdout.flush()  # a full disk is reported here, not by the interpreter at its end
     except AutoNerfError as error:

@@ -7,15 +7,20 @@ whole machine are returned.
 
 import contextlib
 import errno
+import mmap
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 PROC = Path("/proc/self")
 CGROUPS = Path("/sys/fs/cgroup")
 
-
-_OUT_OF_MEMORY = ("cannot allocate memory", "can't allocate memory", "failed to map segment", "out of memory")
+_BLAS_BUFFERS = 96 << 20  # bytes, more than OpenBLAS allocates for a product
+_OUT_OF_MEMORY = (
+    *("cannot allocate memory", "can't allocate memory", "failed to map segment", "out of memory"),
+    "can't start new thread",  # there is no space for its stack
+)
 
 
 def is_out_of_memory(error: BaseException) -> bool:
@@ -26,12 +31,41 @@ def is_out_of_memory(error: BaseException) -> bool:
         (True, True, False)
         >>> is_out_of_memory(ImportError("libgfortran.so: failed to map segment from shared object"))
         True
+        >>> is_out_of_memory(RuntimeError("can't start new thread"))
+        True
     """
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
     if any(words in str(error).lower() for words in _OUT_OF_MEMORY):
         return True
     return error.__context__ is not None and is_out_of_memory(error.__context__)  # a library may name another reason
+
+
+def claim_blas_buffers() -> None:
+    """Let OpenBLAS allocate its buffers if the address space of this process is limited.
+
+    Where they no longer fit, it ends the process without an exception; after this call it has them. NumPy and SciPy
+    each have an OpenBLAS of their own.
+
+    Raises:
+        OSError: the buffers do not fit.
+
+    Example:
+        >>> claim_blas_buffers()
+    """
+    try:
+        import resource
+    except ImportError:  # Windows has no such limits
+        return
+    if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
+        return
+    import numpy as np
+    from scipy.linalg.blas import dgemm
+
+    square = np.ones((128, 128))  # smaller products need no buffer
+    for product in (np.matmul, partial(dgemm, 1.0)):
+        mmap.mmap(-1, _BLAS_BUFFERS).close()
+        product(square, square)
 
 
 def cores() -> int:
