@@ -11,7 +11,7 @@ Lengths in metres; the world has z up.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage
 
 from autonerf_lab.nerf.model import Model
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
@@ -150,10 +150,12 @@ def _layers(offsets: np.ndarray) -> list[np.ndarray]:
     """Return the indices of the points near each maximum of the density of (N,) offsets."""
     if not len(offsets):
         return []
+    from scipy.signal import find_peaks  # takes a second to load
+
     bins = ((offsets - offsets.min()) / BIN).astype(np.int64)
     margin = round(3 * SMOOTHING / BIN)  # the first and the last bin can be maxima, too
     density = ndimage.gaussian_filter1d(np.pad(np.bincount(bins).astype(float), margin), SMOOTHING / BIN)
-    peaks = signal.find_peaks(density, distance=2 * THICKNESS / BIN)[0] - margin
+    peaks = find_peaks(density, distance=2 * THICKNESS / BIN)[0] - margin
     nearest = np.searchsorted((peaks[1:] + peaks[:-1]) / 2, bins)
     near = np.abs(bins - peaks[nearest]) <= THICKNESS / BIN
     return [np.flatnonzero(near & (nearest == k)) for k in range(len(peaks))]
