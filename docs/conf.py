@@ -33,6 +33,7 @@ PAGES = {
     "changelog": "CHANGELOG.md",
     "committed_grid": "benchmarks/results/README.md",
     "committed_tables": "benchmarks/results/val-0.1/tables.md",
+    "test_tables": "benchmarks/results/test/tables.md",
     "contributing": "CONTRIBUTING.md",
     "evaluator_plugin": "examples/evaluator_plugin/README.md",
     "policy_plugin": "examples/policy_plugin/README.md",
