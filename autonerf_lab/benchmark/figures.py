@@ -13,6 +13,7 @@ from autonerf_lab.evaluators.metrics import Metric
 CURVES = {"coverage": "area", "obstacle_coverage": "obstacles", "semantic_coverage": "classes",
           "viewpoint_coverage": "viewpoints"}  # fmt: skip
 COLORS = ("#0b5e8e", "#d1662a", "#3c8d53", "#8a4f9e", "#b8922a", "#c23b5c", "#4ba3a8", "#6b6b6b", "#7a86d1", "#a0522d")
+LINE_STYLES = ("-", "--", ":")  # one after another, when the colours have been used
 
 
 def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLINES) -> Figure:
@@ -50,7 +51,8 @@ def coverage_curves(found: ResultsTable) -> Figure:
     names = [f"{label(o.cell.policy)}{', ' * bool(o.cell.condition)}{o.cell.condition}" for o in found.outcomes]
     policies = list(dict.fromkeys(names))
     for ax, (key, title) in zip(axes, CURVES.items(), strict=True):
-        for policy, color in zip(policies, np.resize(COLORS, len(policies)), strict=True):
+        for k, policy in enumerate(policies):
+            color, style = COLORS[k % len(COLORS)], LINE_STYLES[k // len(COLORS) % len(LINE_STYLES)]
             scenes: dict[str, list[list[float]]] = {}
             for name, outcome in zip(names, found.outcomes, strict=True):
                 if name == policy and outcome.curves:
@@ -58,8 +60,8 @@ def coverage_curves(found: ResultsTable) -> Figure:
             if scenes:
                 means = np.array([np.mean(curves, axis=0) for curves in scenes.values()])
                 share = 100 * (np.arange(means.shape[1]) + 1) / means.shape[1]
-                ax.plot(share, means.mean(axis=0), color=str(color), label=policy)
-                ax.fill_between(share, means.min(axis=0), means.max(axis=0), color=str(color), alpha=0.1, linewidth=0)
+                ax.plot(share, means.mean(axis=0), color=color, linestyle=style, label=policy)
+                ax.fill_between(share, means.min(axis=0), means.max(axis=0), color=color, alpha=0.1, linewidth=0)
         ax.set(title=title, xlabel="% of the episode", xlim=(0, 100), ylim=(0, 100))
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("coverage, % of the visible total")
