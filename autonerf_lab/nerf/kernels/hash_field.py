@@ -170,6 +170,109 @@ def _heads_backward(
     dense_add(transposed.semantic_0, d_s0, d_g, n)
 
 
+@njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
+def _train_chunk(
+    chunk, matrices, transposed, gradients, enc, features, starts, ends, target, labels, trust, depths, background,
+    scales, surface, learn, d_features, weights, color, losses,
+):  # fmt: skip
+    """Run one chunk of the tiles; arguments as in :func:`train_rays`."""
+    tiles, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
+    inputs, hidden = enc.shape[1], matrices.density_0.shape[0]
+    semantic, classes = matrices.semantic_0.shape[0], matrices.semantic_1.shape[0]
+    middle = matrices.semantic_middle.shape[0]
+    per_chunk = (tiles + CHUNKS - 1) // CHUNKS
+    front = (surface.log_density - surface.log_free) / surface.sharpness
+    h_all, g_all, d_all = buffer(hidden, width), buffer(GEOMETRY, width), buffer(1, width)
+    x, h, g = buffer(inputs, width), buffer(hidden, width), buffer(GEOMETRY, width)
+    d_x, d_h, d_g = buffer(inputs, width), buffer(hidden, width), buffer(GEOMETRY, width)
+    c0, c1, d_c = buffer(hidden, width), buffer(hidden, width), buffer(hidden, width)
+    s0, d_s0, rgb, d_rgb = buffer(semantic, width), buffer(semantic, width), buffer(4, width), buffer(4, width)
+    s1, d_s1 = buffer(middle, width), buffer(middle, width)
+    last, d_last = (s1, d_s1) if middle else (s0, d_s0)  # last hidden layer of the semantic network
+    ray_part, d_ray = buffer(hidden, TILE_RAYS), buffer(hidden, TILE_RAYS)
+    s_ray, d_s_ray = buffer(semantic, TILE_RAYS), buffer(semantic, TILE_RAYS)
+    logits, d_logits = buffer(classes, TILE_RAYS), buffer(classes, TILE_RAYS)
+    shown, d_color = buffer(4, TILE_RAYS), buffer(3, TILE_RAYS)
+    left, d_left = np.zeros(TILE_RAYS, np.float32), np.zeros(TILE_RAYS, np.float32)
+    columns, owners = np.zeros(width, np.int64), np.zeros(width, np.int64)
+    owned, packed = buffer(TILE_RAYS, width), buffer(TILE_RAYS, width)
+    slopes, d_packed = buffer(TILE_RAYS, width), np.zeros(width, np.float32)
+    d_s_ray_t = buffer(TILE_RAYS, semantic)
+    d_weights, raw = np.zeros(samples, np.float32), np.zeros(width, np.float32)
+    forced = np.zeros((TILE_RAYS, samples), np.bool_)
+    squared, entropy, spread, correct, depth_error = 0.0, 0.0, 0.0, 0.0, 0.0
+    for b in range(chunk * per_chunk, min((chunk + 1) * per_chunk, tiles)):
+        first = b * TILE_RAYS
+        w = weights[first : first + TILE_RAYS]
+        dense(matrices.density_0, enc[b], h_all, width)
+        relu(h_all, width)
+        dense(matrices.density_1, h_all, g_all, width)
+        for s in range(width):
+            raw[s] = scales.density_gain * g_all[0, s]
+        for r in range(TILE_RAYS):
+            t0, t1 = starts[first + r], ends[first + r]
+            left[r] = ray_weights(raw[r * samples : (r + 1) * samples], t0, t1, w[r])
+            force(t0, t1, depths[first + r] if scales.depth_error > ZERO else ZERO, front, surface.behind, forced[r])
+        count, n = pack(w, forced, scales.min_weight, columns, owners, owned, packed)
+        gather(g_all, columns, n, g)
+        dense(matrices.color_ray, features[b], ray_part, TILE_RAYS)
+        _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0, s1)
+        composite(rgb, packed, n, shown)
+        composite(last, packed, n, s_ray)
+        dense(matrices.semantic_1, s_ray, logits, TILE_RAYS)
+
+        tile_entropy, tile_correct = _cross_entropy(logits, labels, trust, first, scales.cross_entropy, d_logits)
+        entropy += tile_entropy
+        correct += tile_correct
+        squared += _photometric(shown, left, target, background, first, scales.squared_error, color, d_color, d_left)
+
+        weight_gradient(d_logits, s_ray, gradients.semantic_1[chunk], TILE_RAYS)
+        dense(transposed.semantic_1, d_logits, d_s_ray, TILE_RAYS)
+        for j in range(semantic):
+            for r in range(TILE_RAYS):
+                d_s_ray_t[r, j] = d_s_ray[j, r]
+        _samples_backward(rgb, last, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_last, slopes, d_packed)
+        _heads_backward(
+            transposed, gradients, chunk, learn, owned, n, g, c0, c1, s0, s1, d_rgb, d_s0, d_s1, d_ray, d_c, d_h,
+            d_g,
+        )  # fmt: skip
+        weight_gradient(d_ray, features[b], gradients.color_ray[chunk], TILE_RAYS)
+        dense(transposed.color_ray, d_ray, d_features[b], TILE_RAYS)
+        k = 0
+        for r in range(TILE_RAYS):
+            near, far = r * samples, (r + 1) * samples
+            d_weights[:] = ZERO
+            while k < count and columns[k] < far:
+                d_weights[columns[k] - near] = d_packed[k]
+                k += 1
+            t0, t1 = starts[first + r], ends[first + r]
+            spread += distortion(t0, t1, w[r], scales.turn, scales.distortion, d_weights)
+            d_raw = d_all[0, near:far]
+            ray_weights_backward(raw[near:far], t0, t1, w[r], left[r], d_weights, d_left[r], d_raw)
+            if scales.depth_error > ZERO and depths[first + r] > ZERO:
+                depth_error += surface_error(
+                    raw[near:far], t0, t1, depths[first + r], surface, scales.depth_error, d_raw
+                )
+        for k in range(count):
+            d_g[0, k] += scales.density_gain * d_all[0, columns[k]]
+        for k in range(count, n):
+            d_g[:, k] = ZERO
+        gather(h_all, columns, n, h)
+        gather(enc[b], columns, n, x)
+        dense(transposed.density_1, d_g, d_h, n)
+        relu_backward(h, d_h, n)
+        if learn:
+            weight_gradient(d_g, h, gradients.density_1[chunk], n)
+            weight_gradient(d_h, x, gradients.density_0[chunk], n)
+        dense(transposed.density_0, d_h, d_x, n)
+        enc[b] = ZERO
+        for j in range(inputs):
+            for k in range(count):
+                enc[b, j, columns[k]] = d_x[j, k]
+    losses[chunk, 0], losses[chunk, 1], losses[chunk, 2] = squared, entropy, spread
+    losses[chunk, 3], losses[chunk, 4] = correct, depth_error
+
+
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def train_rays(
     matrices, transposed, gradients, enc, features, starts, ends, target, labels, trust, depths, background, scales,
@@ -196,108 +299,12 @@ def train_rays(
         losses: (CHUNKS, 5) float64, written: sums of squared error, cross entropy, distortion, correct labels, surface
             error.
     """
-    tiles, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
-    inputs, hidden = enc.shape[1], matrices.density_0.shape[0]
-    semantic, classes = matrices.semantic_0.shape[0], matrices.semantic_1.shape[0]
-    middle = matrices.semantic_middle.shape[0]
-    per_chunk = (tiles + CHUNKS - 1) // CHUNKS
-    front = (surface.log_density - surface.log_free) / surface.sharpness
     for chunk in prange(CHUNKS):
-        h_all, g_all, d_all = buffer(hidden, width), buffer(GEOMETRY, width), buffer(1, width)
-        x, h, g = buffer(inputs, width), buffer(hidden, width), buffer(GEOMETRY, width)
-        d_x, d_h, d_g = buffer(inputs, width), buffer(hidden, width), buffer(GEOMETRY, width)
-        c0, c1, d_c = buffer(hidden, width), buffer(hidden, width), buffer(hidden, width)
-        s0, d_s0, rgb, d_rgb = buffer(semantic, width), buffer(semantic, width), buffer(4, width), buffer(4, width)
-        s1, d_s1 = buffer(middle, width), buffer(middle, width)
-        last, d_last = (s1, d_s1) if middle else (s0, d_s0)  # last hidden layer of the semantic network
-        ray_part, d_ray = buffer(hidden, TILE_RAYS), buffer(hidden, TILE_RAYS)
-        s_ray, d_s_ray = buffer(semantic, TILE_RAYS), buffer(semantic, TILE_RAYS)
-        logits, d_logits = buffer(classes, TILE_RAYS), buffer(classes, TILE_RAYS)
-        shown, d_color = buffer(4, TILE_RAYS), buffer(3, TILE_RAYS)
-        left, d_left = np.zeros(TILE_RAYS, np.float32), np.zeros(TILE_RAYS, np.float32)
-        columns, owners = np.zeros(width, np.int64), np.zeros(width, np.int64)
-        owned, packed = buffer(TILE_RAYS, width), buffer(TILE_RAYS, width)
-        slopes, d_packed = buffer(TILE_RAYS, width), np.zeros(width, np.float32)
-        d_s_ray_t = buffer(TILE_RAYS, semantic)
-        d_weights, raw = np.zeros(samples, np.float32), np.zeros(width, np.float32)
-        forced = np.zeros((TILE_RAYS, samples), np.bool_)
-        squared, entropy, spread, correct, depth_error = 0.0, 0.0, 0.0, 0.0, 0.0
-        for b in range(chunk * per_chunk, min((chunk + 1) * per_chunk, tiles)):
-            first = b * TILE_RAYS
-            w = weights[first : first + TILE_RAYS]
-            dense(matrices.density_0, enc[b], h_all, width)
-            relu(h_all, width)
-            dense(matrices.density_1, h_all, g_all, width)
-            for s in range(width):
-                raw[s] = scales.density_gain * g_all[0, s]
-            for r in range(TILE_RAYS):
-                t0, t1 = starts[first + r], ends[first + r]
-                left[r] = ray_weights(raw[r * samples : (r + 1) * samples], t0, t1, w[r])
-                force(
-                    t0, t1, depths[first + r] if scales.depth_error > ZERO else ZERO, front, surface.behind, forced[r]
-                )
-            count, n = pack(w, forced, scales.min_weight, columns, owners, owned, packed)
-            gather(g_all, columns, n, g)
-            dense(matrices.color_ray, features[b], ray_part, TILE_RAYS)
-            _heads(matrices, ray_part, owned, n, g, c0, c1, rgb, s0, s1)
-            composite(rgb, packed, n, shown)
-            composite(last, packed, n, s_ray)
-            dense(matrices.semantic_1, s_ray, logits, TILE_RAYS)
-
-            tile_entropy, tile_correct = _cross_entropy(logits, labels, trust, first, scales.cross_entropy, d_logits)
-            entropy += tile_entropy
-            correct += tile_correct
-            squared += _photometric(
-                shown, left, target, background, first, scales.squared_error, color, d_color, d_left
-            )
-
-            weight_gradient(d_logits, s_ray, gradients.semantic_1[chunk], TILE_RAYS)
-            dense(transposed.semantic_1, d_logits, d_s_ray, TILE_RAYS)
-            for j in range(semantic):
-                for r in range(TILE_RAYS):
-                    d_s_ray_t[r, j] = d_s_ray[j, r]
-            _samples_backward(
-                rgb, last, d_color, d_s_ray, d_s_ray_t, packed, owners, n, d_rgb, d_last, slopes, d_packed
-            )
-            _heads_backward(
-                transposed, gradients, chunk, learn, owned, n, g, c0, c1, s0, s1, d_rgb, d_s0, d_s1, d_ray, d_c, d_h,
-                d_g,
-            )  # fmt: skip
-            weight_gradient(d_ray, features[b], gradients.color_ray[chunk], TILE_RAYS)
-            dense(transposed.color_ray, d_ray, d_features[b], TILE_RAYS)
-            k = 0
-            for r in range(TILE_RAYS):
-                near, far = r * samples, (r + 1) * samples
-                d_weights[:] = ZERO
-                while k < count and columns[k] < far:
-                    d_weights[columns[k] - near] = d_packed[k]
-                    k += 1
-                t0, t1 = starts[first + r], ends[first + r]
-                spread += distortion(t0, t1, w[r], scales.turn, scales.distortion, d_weights)
-                d_raw = d_all[0, near:far]
-                ray_weights_backward(raw[near:far], t0, t1, w[r], left[r], d_weights, d_left[r], d_raw)
-                if scales.depth_error > ZERO and depths[first + r] > ZERO:
-                    depth_error += surface_error(
-                        raw[near:far], t0, t1, depths[first + r], surface, scales.depth_error, d_raw
-                    )
-            for k in range(count):
-                d_g[0, k] += scales.density_gain * d_all[0, columns[k]]
-            for k in range(count, n):
-                d_g[:, k] = ZERO
-            gather(h_all, columns, n, h)
-            gather(enc[b], columns, n, x)
-            dense(transposed.density_1, d_g, d_h, n)
-            relu_backward(h, d_h, n)
-            if learn:
-                weight_gradient(d_g, h, gradients.density_1[chunk], n)
-                weight_gradient(d_h, x, gradients.density_0[chunk], n)
-            dense(transposed.density_0, d_h, d_x, n)
-            enc[b] = ZERO
-            for j in range(inputs):
-                for k in range(count):
-                    enc[b, j, columns[k]] = d_x[j, k]
-        losses[chunk, 0], losses[chunk, 1], losses[chunk, 2] = squared, entropy, spread
-        losses[chunk, 3], losses[chunk, 4] = correct, depth_error
+        _train_chunk(
+            np.int64(chunk),  # prange counts in uint64, for which all of the chunk would be compiled once more
+            matrices, transposed, gradients, enc, features, starts, ends, target, labels, trust, depths,
+            background, scales, surface, learn, d_features, weights, color, losses,
+        )  # fmt: skip
 
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")

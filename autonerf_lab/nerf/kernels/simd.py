@@ -1,25 +1,27 @@
-"""Vectors of SIMD_WIDTH float32 values, which let a kernel state which values stay in registers.
+"""Vectors of WIDTH float32 values, one register of the machine: a kernel states which values stay in registers.
 
-LLVM maps a vector to the registers of the machine: one of AVX-512, two of AVX2, four of SSE or NEON. Matrices must be
-C-contiguous and float32 (other types do not compile), and the columns ``column`` to ``column + SIMD_WIDTH`` must exist.
+Matrices must be C-contiguous and float32 (other types do not compile), and the columns ``column`` to ``column + WIDTH``
+must exist.
 """
 
-from llvmlite import ir
+from llvmlite import binding, ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
-from autonerf_lab.nerf.kernels.tiling import SIMD_WIDTH
+_FEATURES = binding.get_host_cpu_features()
+# Values per register: 16 with AVX-512, 8 with AVX2, 4 with SSE or NEON. A divisor of tiling.SIMD_WIDTH.
+WIDTH = 16 if _FEATURES.get("avx512f") else 8 if _FEATURES.get("avx2") else 4
 
 _FLOAT, _INDEX = ir.FloatType(), ir.IntType(32)
-_VECTOR = ir.VectorType(_FLOAT, SIMD_WIDTH)
+_VECTOR = ir.VectorType(_FLOAT, WIDTH)
 _ALIGNED = 4  # bytes: a row may begin at any float
 _FAST = ("fast",)  # a product and a sum may be fused into one instruction
 
 
 class _Vector(types.Type):
     def __init__(self) -> None:
-        super().__init__(name=f"float32x{SIMD_WIDTH}")
+        super().__init__(name=f"float32x{WIDTH}")
 
 
 _vector = _Vector()
@@ -44,12 +46,12 @@ def _is_matrix(array) -> bool:
 @intrinsic
 def zeros(typing):
     """Return a vector of zeros."""
-    return _vector(), lambda context, builder, signature, args: ir.Constant(_VECTOR, [0.0] * SIMD_WIDTH)
+    return _vector(), lambda context, builder, signature, args: ir.Constant(_VECTOR, [0.0] * WIDTH)
 
 
 @intrinsic
 def load(typing, array, row, column):
-    """Return ``array[row, column : column + SIMD_WIDTH]``."""
+    """Return ``array[row, column : column + WIDTH]``."""
 
     def code(context, builder, signature, args):
         return builder.load(_address(context, builder, array, *args), align=_ALIGNED)
@@ -59,7 +61,7 @@ def load(typing, array, row, column):
 
 @intrinsic
 def store(typing, array, row, column, value):
-    """Set ``array[row, column : column + SIMD_WIDTH] = value``."""
+    """Set ``array[row, column : column + WIDTH] = value``."""
 
     def code(context, builder, signature, args):
         builder.store(args[3], _address(context, builder, array, *args[:3]), align=_ALIGNED)
@@ -75,11 +77,33 @@ def multiply_add(typing, factor, vector, total):
     def code(context, builder, signature, args):
         undefined = ir.Constant(_VECTOR, ir.Undefined)
         first = builder.insert_element(undefined, args[0], ir.Constant(_INDEX, 0))
-        zero_mask = ir.Constant(ir.VectorType(_INDEX, SIMD_WIDTH), [0] * SIMD_WIDTH)
+        zero_mask = ir.Constant(ir.VectorType(_INDEX, WIDTH), [0] * WIDTH)
         factors = builder.shuffle_vector(first, undefined, zero_mask)
         return builder.fadd(builder.fmul(factors, args[1], flags=_FAST), args[2], flags=_FAST)
 
     return _vector(types.float32, _vector, _vector), code
+
+
+@intrinsic
+def multiply_add_vectors(typing, first, second, total):
+    """Return ``first * second + total``, element by element."""
+
+    def code(context, builder, signature, args):
+        return builder.fadd(builder.fmul(args[0], args[1], flags=_FAST), args[2], flags=_FAST)
+
+    return _vector(_vector, _vector, _vector), code
+
+
+@intrinsic
+def total(typing, vector):
+    """Return the sum of the elements of ``vector``."""
+
+    def code(context, builder, signature, args):
+        kind = ir.FunctionType(_FLOAT, [_FLOAT, _VECTOR])
+        reduction = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.fadd.v{WIDTH}f32")
+        return builder.call(reduction, [ir.Constant(_FLOAT, 0.0), args[0]], fastmath=_FAST)
+
+    return types.float32(_vector), code
 
 
 @intrinsic
@@ -88,7 +112,7 @@ def positive(typing, vector):
 
     def code(context, builder, signature, args):
         kind = ir.FunctionType(_VECTOR, [_VECTOR, _VECTOR])
-        maximum = cgutils.get_or_insert_function(builder.module, kind, f"llvm.maxnum.v{SIMD_WIDTH}f32")
-        return builder.call(maximum, [args[0], ir.Constant(_VECTOR, [0.0] * SIMD_WIDTH)], fastmath=_FAST)
+        maximum = cgutils.get_or_insert_function(builder.module, kind, f"llvm.maxnum.v{WIDTH}f32")
+        return builder.call(maximum, [args[0], ir.Constant(_VECTOR, [0.0] * WIDTH)], fastmath=_FAST)
 
     return _vector(_vector), code
