@@ -1,5 +1,6 @@
 """Figures of a results table."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -17,14 +18,19 @@ LINE_STYLES = ("-", "--", ":")  # one after another, when the colours have been 
 
 
 def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLINES) -> Figure:
-    """Plot the scores, one panel each: mean and interval by policy, scene means (dots), paper (diamonds)."""
+    """Plot the scores, one panel each: mean and interval by policy, scene means (dots), paper (diamonds).
+
+    Intervals that are much wider than the range of the scores, as those of two scenes, are cut at the axes.
+    """
     rows = found.rows
     figure = Figure(figsize=(13, 0.9 + 2 * (0.9 + 0.28 * len(rows))), layout="constrained")
     axes = figure.subplots(2, (len(metrics) + 1) // 2, squeeze=False, sharey=True).ravel()
     for ax, metric in zip(axes, metrics, strict=False):
+        shown: list[float] = []  # scores of scenes, and the paper's
         for y, row in enumerate(rows):
             color = COLORS[y % len(COLORS)]
             means = [float(np.mean(values)) * metric.scale for values in found.runs(row, metric.key).values()]
+            shown += means
             mean = found.interval(row, metric.key)
             if mean is not None:
                 half = 0.0 if mean.scenes == 1 else mean.half_width * metric.scale
@@ -33,7 +39,12 @@ def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLI
             published = BY_POLICY.get(row[0], {}).get(metric.key)
             if published is not None and row[1] == "semantic-nerfacto":
                 ax.plot(published * metric.scale, y, "D", markerfacecolor="none", color="#888888", markersize=5)
-        ax.set_title(metric.heading + (" ↓" if metric.better < 0 else ""), fontsize=10)
+                shown.append(published * metric.scale)
+        if shown:
+            (left, right), margin = ax.get_xlim(), 0.3 * (max(shown) - min(shown))
+            if margin > 0:
+                ax.set_xlim(max(left, min(shown) - margin), min(right, max(shown) + margin))
+        ax.set_title(textwrap.fill(metric.heading + (" ↓" if metric.better < 0 else ""), 32), fontsize=10)
         ax.grid(axis="x", alpha=0.3)
     several = len({model for _, model in rows}) > 1
     axes[0].set_yticks(range(len(rows)), [f"{p}, {m}" if several else p for p, m in rows])

@@ -3,6 +3,7 @@
 import html
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import fake_cell
 import numpy as np
@@ -15,6 +16,7 @@ from autonerf_lab.benchmark.compare import METRICS as COMPARED
 from autonerf_lab.benchmark.compare import compare
 from autonerf_lab.benchmark.correlations import pearson
 from autonerf_lab.benchmark.export import export_results
+from autonerf_lab.benchmark.figures import scores_over_policies
 from autonerf_lab.benchmark.paper_tables import TABLES, all_tables, table
 from autonerf_lab.benchmark.results_table import load_results_table, paired_difference
 from autonerf_lab.benchmark.text_table import Entry, Table, escaped
@@ -352,3 +354,12 @@ def test_values_of_the_paper_agree_with_the_metric_registry():
     assert paper.POSE[2].format(paper.BY_POLICY["modular-obs"][paper.POSE[2].key]) == "7.65"
     strongest = [r for (reward, _), rs in paper.CORRELATIONS.items() if reward == "obs" for r in rs]
     assert strongest.count("-") == 15 and len(strongest) == 40
+
+
+def test_a_wide_interval_does_not_squeeze_the_scores_of_the_figure(tmp_path: Path) -> None:
+    """The interval of two scenes, 20 and 30 dB, is 25 ± 63.5 dB; the paper has 25.56 and 19.75 dB."""
+    grid = Grid(("frontier", "modular-obs"), ("val-0", "val-1"), 1, preset="smoke")
+    found = load_results_table(folder(tmp_path, {"frontier": [20.0, 30.0], "modular-obs": [28.0, 28.0]}, grid))
+    psnr = scores_over_policies(found).axes[0]
+    assert psnr.get_title() == "PSNR [dB]"
+    assert psnr.get_xlim() == pytest.approx((19.75 - 0.3 * 10.25, 30 + 0.3 * 10.25))
