@@ -114,6 +114,14 @@ class DepthGuidedSampler(Protocol):
 
 
 @runtime_checkable
+class SkippingSampler(Protocol):
+    """A sampler that places no bins in space measured to be empty, so that the field never learns its density."""
+
+    def is_empty(self, points: np.ndarray) -> np.ndarray:
+        """Return (N,) bool: True if an (N, 3) point lies in space that was measured to be empty."""
+
+
+@runtime_checkable
 class CoarseToFineField(Protocol):
     """A field whose fine details can be faded in, so that rough poses can be refined."""
 
@@ -189,6 +197,13 @@ class Model:
         gradients, losses = self.sampler.learn(rays, samples, targets, output.weights, rng)
         self.losses = {**output.losses, **losses}
         return {**output.gradients, **gradients, **d_offsets}, self.losses
+
+    def density(self, points: np.ndarray) -> np.ndarray:
+        """Return (N,) float32 densities per unit of length at (N, 3) points; 0 in space measured to be empty."""
+        density = self.field.density(points)
+        if isinstance(self.sampler, SkippingSampler):
+            return np.where(self.sampler.is_empty(points), np.float32(0), density)
+        return density
 
     def render_rays(
         self, rays_o: np.ndarray, rays_d: np.ndarray

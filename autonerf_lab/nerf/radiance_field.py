@@ -64,7 +64,7 @@ class NeRF:
 
     def density(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) float32 densities at (N, 3) world points, per metre (or per unit of the poses)."""
-        return self.model.field.density(self._to_field(points)) / np.float32(self.frame.unit)
+        return self.model.density(self._to_field(points)) / np.float32(self.frame.unit)
 
     def color(self, points: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
         """Return colours at points.

@@ -14,12 +14,14 @@ from autonerf_lab.nerf.distance_grid import DistanceGrid, fuse_depth
 from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.fields.hash_field import HashField
 from autonerf_lab.nerf.kernels.distance_grid import UNKNOWN, finish
+from autonerf_lab.nerf.model import Model, Sampler
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
-from autonerf_lab.nerf.ray_batch import Rays
+from autonerf_lab.nerf.ray_batch import Arrays, Rays
 from autonerf_lab.nerf.samplers.occupancy import OccupancySampler
 from autonerf_lab.nerf.samplers.surface import SurfaceSampler
+from autonerf_lab.nerf.samplers.torch_occupancy import TorchOccupancySampler
 from autonerf_lab.nerf.scene_box import SceneBox
-from autonerf_lab.nerf.settings import OccupancySettings, SurfaceSettings
+from autonerf_lab.nerf.settings import OccupancySettings, Settings, SurfaceSettings
 
 WALL = 2.0  # metres in front of the cameras, which look along -z
 SETTINGS = SurfaceSettings(samples=12, evaluation_samples=16, near=0.05, far=6.0)
@@ -188,3 +190,38 @@ def test_depth_that_is_no_distance_counts_as_none_and_outliers_do_not_enlarge_th
     monkeypatch.setattr(distance_grid, "MAX_CELLS", 8)
     with pytest.raises(DataError, match=r"too far apart for voxels of 0\.03 m"):
         fuse_depth(pixels, 0.03, 0.09, 10**6)
+
+
+class Fog:
+    """A field of the same density everywhere."""
+
+    def __init__(self) -> None:
+        self.parameters: Arrays = {}
+
+    def density(self, points: np.ndarray) -> np.ndarray:
+        return np.full(len(points), 40, np.float32)
+
+
+def test_space_measured_to_be_empty_has_no_density(wall: DistanceGrid) -> None:
+    """No ray has samples there, so the field may have any density: that of the model counts, for maps and meshes."""
+    box = SceneBox(np.zeros(3, np.float32), np.full(3, 3, np.float32), 0.25)
+    occupancy = OccupancySettings(depth_weight=2.25, log2_entries=10)
+    depths = np.array([1.0, 1.6, 1.95, 2.0, 2.3])  # in front of the wall, at the wall, and behind it
+    points = np.stack([0 * depths, 0 * depths, -depths], axis=1)
+    samplers: list[tuple[Settings, Sampler]] = [
+        (occupancy, OccupancySampler(occupancy, box, Fog())),
+        (occupancy, TorchOccupancySampler(occupancy, box, Fog(), "cpu")),
+        (SETTINGS, SurfaceSampler(SETTINGS)),
+    ]
+    for settings, sampler in samplers:
+        model = Model(settings, box, Fog(), sampler, 9)
+        np.testing.assert_array_equal(model.density(points), 40)
+        sampler.observe(wall_pixels())
+        closest = 0 if settings is SETTINGS else 40  # 5 cm from the wall: cells of the occupancy grid have 10 cm
+        np.testing.assert_array_equal(model.density(points), [0, 0, closest, 40, 40])
+        assert model.density(points[:0]).shape == (0,)
+    anywhere = np.random.default_rng(0).uniform([-2, -1, -3], [2, 1, 1], (2000, 3))
+    with np.errstate(invalid="ignore"):
+        expected = np.where(wall(anywhere) > 0.027, 0, 40)  # 0.9 voxels
+    np.testing.assert_array_equal(model.density(anywhere), expected)
+    assert 0 < (expected == 0).mean() < 1

@@ -62,8 +62,8 @@ RGBD: dict[str, Any] = {
     "depth_weight": 2.25,
     "density_gain": 8.0,
     "cell": 0.06,
-    "reach": 0.3,
-    "marched": 12,
+    "reach": 1.0,
+    "marched": 24,
     "distortion_weight": 0.002,
     "label_distance": 1.0,
 }

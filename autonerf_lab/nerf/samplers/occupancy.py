@@ -42,7 +42,8 @@ class OccupancySampler:
             "occupancy": np.full(shape, settings.occupied, np.float32),  # density per metre
             "occupancy_steps": np.zeros(1, np.int64),
         }
-        self._unmeasured = np.ones(shape, np.bool_)  # False where depth shows that a cell is empty
+        # False where depth shows that a cell is empty; its stored density stays 0.
+        self._unmeasured = np.ones(shape, np.bool_)
         self._grid: DistanceGrid | None = None
 
     def observe(self, pixels: PixelSampler) -> None:
@@ -61,6 +62,15 @@ class OccupancySampler:
     def filter_depth(self, rays: Rays, depth: np.ndarray) -> np.ndarray:
         """Return the depth to train with; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
         return depth if self._grid is None else self._grid.filter_depth(rays, depth)
+
+    def is_empty(self, points: np.ndarray) -> np.ndarray:
+        """Return (N,) bool at (N, 3) points; see :class:`~autonerf_lab.nerf.model.SkippingSampler`."""
+        empty = np.empty(len(points), np.bool_)
+        box, density = self.box, self.state["occupancy"]
+        ray_marching.empty_cells(
+            np.ascontiguousarray(points, np.float32), box.center, box.half, np.float32(box.shell), density, empty
+        )
+        return empty
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from autonerf_lab.nerf.distance_grid import DistanceGrid, fuse_depth
-from autonerf_lab.nerf.kernels.distance_grid import surface_bins
+from autonerf_lab.nerf.kernels.distance_grid import empty_points, surface_bins
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.settings import SurfaceSettings
@@ -40,6 +40,16 @@ class SurfaceSampler:
     def filter_depth(self, rays: Rays, depth: np.ndarray) -> np.ndarray:
         """Return the depth to train with; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
         return depth if self._grid is None else self._grid.filter_depth(rays, depth)
+
+    def is_empty(self, points: np.ndarray) -> np.ndarray:
+        """Return (N,) bool at (N, 3) points; see :class:`~autonerf_lab.nerf.model.SkippingSampler`."""
+        empty, voxel = np.empty(len(points), np.bool_), np.float32(self.settings.voxel)
+        # A surface that crosses a voxel is at most 0.87 times its side from the centre.
+        empty_points(
+            np.ascontiguousarray(points, np.float32), self.observed["distances_origin"], voxel,
+            self.observed["distances"], np.float32(0.9) * voxel, empty,
+        )  # fmt: skip
+        return empty
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
