@@ -1,8 +1,10 @@
 """The public names: what a user, an editor and a type checker find."""
 
 import ast
+import re
 import subprocess
 import sys
+from collections.abc import Callable
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import grimp
 import pytest
 
 import autonerf_lab as lab
+from autonerf_lab.errors import WrongTypeError
 
 PACKAGE = Path(lab.__file__).parent
 STUB = ast.parse((PACKAGE / "__init__.pyi").read_text())
@@ -65,3 +68,18 @@ def test_type_checkers_accept_a_script_of_a_user(command: list[str | Path], tmp_
         [sys.executable, *command, SCRIPT], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert result.returncode == 0, result.stdout
+
+
+@pytest.mark.parametrize(
+    ("call", "advice"),
+    [
+        (lambda: lab.Simulator("dev-0"), "pass lab.load_scene('dev-0')"),
+        (lambda: lab.explore("dev-0"), "pass lab.Simulator(lab.load_scene('dev-0'))"),
+        (lambda: lab.fit("runs/a"), "pass lab.load_trajectory('runs/a')"),
+        (lambda: lab.evaluate("runs/a", "dev-0"), "pass lab.load_nerf('runs/a')"),
+        (lambda: lab.evaluate(object(), "dev-0"), "pass lab.load_scene('dev-0')"),
+    ],
+)
+def test_a_name_in_place_of_an_object_says_how_to_load_it(call: Callable[[], object], advice: str) -> None:
+    with pytest.raises(WrongTypeError, match=re.escape(advice)):
+        call()

@@ -30,6 +30,7 @@ from autonerf_lab.evaluators.tsdf import fused_scores
 from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.presets import Preset
 from autonerf_lab.presets import preset as get_preset
+from autonerf_lab.utils.arguments import refuse_name
 
 if TYPE_CHECKING:
     from autonerf_lab.evaluators.lpips import Lpips
@@ -102,6 +103,7 @@ def evaluate(
         DataError: the field or the trajectory belongs to another scene, is not in metres, lies outside the scene, or
             cannot be aligned with it;
             tasks are given for photographs; the file of ``lpips_weights`` is missing or damaged; the disk is full.
+        WrongTypeError: the field or the scene is a name.
         MemoryError: out of memory.
 
     Example::
@@ -109,6 +111,8 @@ def evaluate(
         train, held_out = lab.load_dataset("photographs").split()
         print(lab.evaluate(lab.fit(train), held_out, trajectory=train).table())
     """
+    refuse_name(nerf, "the field", "lab.load_nerf({})")
+    refuse_name(scene, "the scene", "lab.load_scene({})")
     lpips = _load_lpips(lpips_weights)
     if isinstance(scene, Dataset):
         if tasks is not None:

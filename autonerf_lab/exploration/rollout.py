@@ -17,6 +17,7 @@ from autonerf_lab.policies import Policy, PrivilegedPolicy, make_policy
 from autonerf_lab.segmentation import TRUE
 from autonerf_lab.simulator import Simulator
 from autonerf_lab.types import Action, Observation, read_only
+from autonerf_lab.utils.arguments import refuse_name
 from autonerf_lab.utils.plugins import named_errors
 
 MAP_SIZE = 640  # cells; 32 m contain most apartments for any start pose, larger maps grow
@@ -62,6 +63,7 @@ def explore(
 
     Raises:
         UnknownNameError: unknown policy or pose source.
+        WrongTypeError: ``sim`` is a name.
         PolicyError: the policy raised, or returned something else than an action; names policy and step.
         SceneError: ``pose`` is not navigable, or the map would exceed 400 m a side.
 
@@ -73,6 +75,7 @@ def explore(
         >>> len(trajectory), trajectory.meta["actions"]
         (5, [1, 1, 1, 1, 1])
     """
+    refuse_name(sim, "the simulator", "lab.Simulator(lab.load_scene({}))")
     if steps < 1:
         raise ValueError(f"steps must be at least 1, not {steps}")
     check_source(poses, POSES)

@@ -30,6 +30,7 @@ from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings, scaled_to_area
 from autonerf_lab.nerf.tensorboard import TensorBoardLog
 from autonerf_lab.nerf.visibility import VOXEL, Visibility, carve
+from autonerf_lab.utils.arguments import refuse_name
 from autonerf_lab.utils.resources import is_out_of_memory
 
 PATIENCE = 10  # skipped batches in a row before the state returns to a snapshot
@@ -90,7 +91,7 @@ def fit(
 
     Raises:
         UnknownNameError: the model or preset does not exist.
-        WrongTypeError: ``model`` is neither a name nor a ModelSpec.
+        WrongTypeError: ``model`` is neither a name nor a ModelSpec, or ``data`` is a name.
         DataError: the data cannot be learned from, or ``seconds`` is not above 0.
         RunFolderError: ``checkpoint`` holds a training with other data, seed or settings.
         DeviceError: the device does not exist on this machine.
@@ -99,6 +100,7 @@ def fit(
             or memory is short; the last checkpoint is valid.
     """
     check_device(device)
+    refuse_name(data, "the trajectory", "lab.load_trajectory({})")
     if seconds is not None and not 0 < seconds < np.inf:
         raise DataError(f"seconds must be a finite number above 0, not {seconds!r}")
     spec = model_spec(model)

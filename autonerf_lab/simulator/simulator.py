@@ -18,6 +18,7 @@ from autonerf_lab.simulator.rasterizer import chunk_bounds, rasterize, shade
 from autonerf_lab.simulator.raycast import Hits, RayCaster
 from autonerf_lab.simulator.specular import NO_GLOSS, scene_gloss
 from autonerf_lab.types import Action, Observation
+from autonerf_lab.utils.arguments import refuse_name
 from autonerf_lab.utils.plugins import named_errors
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ class Simulator:
         SceneError: The scene has no floor, the robot fits nowhere, or ``gloss`` is True for an imported mesh.
         UnknownNameError: There is no noise, or no segmenter, of that name.
         DataError: The weights of the segmenter are missing or damaged.
+        WrongTypeError: ``scene`` is a name.
         ValueError: ``supersample`` is below 1, or the camera has lens distortion.
 
     Example:
@@ -118,6 +120,7 @@ class Simulator:
         depth_noise: str | None = None,
         semantics: str | Segmenter = TRUE,
     ) -> None:
+        refuse_name(scene, "the scene of a simulator", "lab.load_scene({})")
         if supersample < 1:
             raise ValueError(f"supersample must be at least 1, not {supersample}")
         self.scene = scene
