@@ -217,11 +217,10 @@ def test_space_measured_to_be_empty_has_no_density(wall: DistanceGrid) -> None:
         model = Model(settings, box, Fog(), sampler, 9)
         np.testing.assert_array_equal(model.density(points), 40)
         sampler.observe(wall_pixels())
-        closest = 0 if settings is SETTINGS else 40  # 5 cm from the wall: cells of the occupancy grid have 10 cm
-        np.testing.assert_array_equal(model.density(points), [0, 0, closest, 40, 40])
+        np.testing.assert_array_equal(model.density(points), [0, 0, 40, 40, 40])
         assert model.density(points[:0]).shape == (0,)
     anywhere = np.random.default_rng(0).uniform([-2, -1, -3], [2, 1, 1], (2000, 3))
     with np.errstate(invalid="ignore"):
-        expected = np.where(wall(anywhere) > 0.027, 0, 40)  # 0.9 voxels
+        expected = np.where(wall(anywhere) > 0.081, 0, 40)  # 0.9 times the truncation
     np.testing.assert_array_equal(model.density(anywhere), expected)
     assert 0 < (expected == 0).mean() < 1

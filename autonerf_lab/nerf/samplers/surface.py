@@ -43,11 +43,12 @@ class SurfaceSampler:
 
     def is_empty(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) bool at (N, 3) points; see :class:`~autonerf_lab.nerf.model.SkippingSampler`."""
-        empty, voxel = np.empty(len(points), np.bool_), np.float32(self.settings.voxel)
-        # A surface that crosses a voxel is at most 0.87 times its side from the centre.
+        empty = np.empty(len(points), np.bool_)
+        # Nearly all rays must agree: a smaller mean distance also occurs at thin objects that most rays pass.
         empty_points(
-            np.ascontiguousarray(points, np.float32), self.observed["distances_origin"], voxel,
-            self.observed["distances"], np.float32(0.9) * voxel, empty,
+            np.ascontiguousarray(points, np.float32), self.observed["distances_origin"],
+            np.float32(self.settings.voxel), self.observed["distances"], np.float32(0.9 * self.settings.truncation),
+            empty,
         )  # fmt: skip
         return empty
 
