@@ -69,7 +69,8 @@ RGBD: dict[str, Any] = {
 }
 RGBD_SPEC = ModelSpec(
     {
-        "smoke": replace(SETTINGS["smoke"], **RGBD | {"label_distance": 0.0}, steps=200),
+        # After so few steps, surfaces of noisy depth are too soft for longer rays.
+        "smoke": replace(SETTINGS["smoke"], **RGBD | {"label_distance": 0.0, "reach": 0.6}, steps=200),
         "fast": replace(SETTINGS["fast"], **RGBD),
         "paper": replace(SETTINGS["paper"], **RGBD),
     },
