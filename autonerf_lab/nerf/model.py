@@ -112,13 +112,8 @@ class DepthGuidedSampler(Protocol):
     def filter_depth(self, rays: Rays, depth: np.ndarray) -> np.ndarray:
         """Return the (R,) depth to train with: the measured one, or what all images together say; 0 for none."""
 
-
-@runtime_checkable
-class SkippingSampler(Protocol):
-    """A sampler that places no bins in space measured to be empty, so that the field never learns its density."""
-
     def is_empty(self, points: np.ndarray) -> np.ndarray:
-        """Return (N,) bool: True if an (N, 3) point lies in space that was measured to be empty."""
+        """Return (N,) bool: True where depth shows empty space at (N, 3) points; the field learns little there."""
 
 
 @runtime_checkable
@@ -201,7 +196,7 @@ class Model:
     def density(self, points: np.ndarray) -> np.ndarray:
         """Return (N,) float32 densities per unit of length at (N, 3) points; 0 in space measured to be empty."""
         density = self.field.density(points)
-        if isinstance(self.sampler, SkippingSampler):
+        if isinstance(self.sampler, DepthGuidedSampler):
             return np.where(self.sampler.is_empty(points), np.float32(0), density)
         return density
 

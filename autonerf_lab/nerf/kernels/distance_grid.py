@@ -108,22 +108,6 @@ def _nearest(grid, x, y, z):
     return MILLIMETRE * np.float32(grid[int(x), int(y), int(z)] if inside else UNKNOWN)
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def empty_points(points, origin, voxel, grid, smallest, empty):
-    """Find the points whose voxel is more than ``smallest`` metres in front of the nearest surface.
-
-    Args:
-        points: (N, 3) float32, metres.
-        origin, voxel: as in :func:`fuse`.
-        grid: (X, Y, Z) int16 result of :func:`finish`.
-        smallest: metres.
-        empty: (N,) bool, written.
-    """
-    for n in prange(points.shape[0]):
-        x, y = (points[n, 0] - origin[0]) / voxel, (points[n, 1] - origin[1]) / voxel
-        empty[n] = smallest < _nearest(grid, x, y, (points[n, 2] - origin[2]) / voxel) < CERTAIN
-
-
 @njit(inline="always")
 def _interpolated(grid, x, y, z):
     """Return the distance interpolated between the known voxels around a point, metres."""

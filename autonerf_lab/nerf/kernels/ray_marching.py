@@ -93,22 +93,6 @@ def visible_bins(marched_starts, marched_ends, density, jitter, starts, ends):
             starts[r, k], ends[r, k] = middle - half, middle + half
 
 
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def empty_cells(points, center, half, shell, density, empty):
-    """Find the points whose cell of the grid has no density.
-
-    Args:
-        points: (N, 3) float32, metres.
-        center, half, shell, density: as in :func:`occupied_bins`.
-        empty: (N,) bool, written.
-    """
-    for n in prange(points.shape[0]):
-        i = _index(points[n, 0], center[0], half[0], shell, density.shape[0])
-        j = _index(points[n, 1], center[1], half[1], shell, density.shape[1])
-        k = _index(points[n, 2], center[2], half[2], shell, density.shape[2])
-        empty[n] = density[i, j, k] == ZERO
-
-
 @njit(inline="always")
 def _cell(rays_o, rays_d, r, t, center, half, shell, shape):
     i = _index(rays_o[r, 0] + t * rays_d[r, 0], center[0], half[0], shell, shape[0])

@@ -64,13 +64,10 @@ class OccupancySampler:
         return depth if self._grid is None else self._grid.filter_depth(rays, depth)
 
     def is_empty(self, points: np.ndarray) -> np.ndarray:
-        """Return (N,) bool at (N, 3) points; see :class:`~autonerf_lab.nerf.model.SkippingSampler`."""
-        empty = np.empty(len(points), np.bool_)
-        box, density = self.box, self.state["occupancy"]
-        ray_marching.empty_cells(
-            np.ascontiguousarray(points, np.float32), box.center, box.half, np.float32(box.shell), density, empty
-        )
-        return empty
+        """Return (N,) bool at (N, 3) points; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
+        density = self.state["occupancy"]
+        cells = (self.box.contract(points) * density.shape).astype(np.int64)
+        return density[tuple(np.minimum(cells, np.array(density.shape) - 1).T)] == 0
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""

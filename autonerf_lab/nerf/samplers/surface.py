@@ -3,7 +3,7 @@
 import numpy as np
 
 from autonerf_lab.nerf.distance_grid import DistanceGrid, fuse_depth
-from autonerf_lab.nerf.kernels.distance_grid import empty_points, surface_bins
+from autonerf_lab.nerf.kernels.distance_grid import surface_bins
 from autonerf_lab.nerf.pixel_sampler import PixelSampler
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, Samples, Targets
 from autonerf_lab.nerf.settings import SurfaceSettings
@@ -42,15 +42,12 @@ class SurfaceSampler:
         return depth if self._grid is None else self._grid.filter_depth(rays, depth)
 
     def is_empty(self, points: np.ndarray) -> np.ndarray:
-        """Return (N,) bool at (N, 3) points; see :class:`~autonerf_lab.nerf.model.SkippingSampler`."""
-        empty = np.empty(len(points), np.bool_)
+        """Return (N,) bool at (N, 3) points; see :class:`~autonerf_lab.nerf.model.DepthGuidedSampler`."""
+        s = self.settings
+        # Not ``self._grid``: a loaded field has observed nothing itself.
+        grid = DistanceGrid(self.observed["distances"], self.observed["distances_origin"], s.voxel, s.truncation)
         # Nearly all rays must agree: a smaller mean distance also occurs at thin objects that most rays pass.
-        empty_points(
-            np.ascontiguousarray(points, np.float32), self.observed["distances_origin"],
-            np.float32(self.settings.voxel), self.observed["distances"], np.float32(0.9 * self.settings.truncation),
-            empty,
-        )  # fmt: skip
-        return empty
+        return grid(points) > 0.9 * s.truncation
 
     def sample(self, rays: Rays, jitter: np.ndarray) -> Samples:
         """Place bins on rays; see :class:`~autonerf_lab.nerf.model.Sampler`."""
