@@ -26,8 +26,8 @@ from autonerf_lab.nerf.ray_batch import Arrays, Rays, RenderOutput, Samples, Tar
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 
-RENDER_CHUNK = 4096  # rays rendered at once
-GRADIENT_CHUNK = 1 << 15  # rays whose gradients are computed at once
+RENDER_CHUNK = 4096  # rays rendered at once, unless the field has an attribute ``rays_at_once``
+GRADIENT_CHUNK = 1 << 15  # rays whose gradients are computed at once, with the same exception
 
 
 class Field(Protocol):
@@ -213,8 +213,9 @@ class Model:
             color (N, 3), logits (N, C), depth (N,) median distance along the ray, opacity (N,); float32.
         """
         parts = []
-        for first in range(0, max(len(rays_o), 1), RENDER_CHUNK):
-            rays = Rays(rays_o[first : first + RENDER_CHUNK], rays_d[first : first + RENDER_CHUNK])
+        size = getattr(self.field, "rays_at_once", RENDER_CHUNK)
+        for first in range(0, max(len(rays_o), 1), size):
+            rays = Rays(rays_o[first : first + size], rays_d[first : first + size])
             with self._lock, _no_gradients():
                 output = self.field.render(rays, self._evaluation_samples(rays))
                 parts.append((output.color, output.logits, output.depth, output.weights.sum(axis=1)))
@@ -237,8 +238,9 @@ class Model:
             error (N,), mean over the channels; gradients (N, 3) of origins and of unit directions.
         """
         parts = []
-        for first in range(0, max(len(rays_o), 1), GRADIENT_CHUNK):
-            chunk = slice(first, first + GRADIENT_CHUNK)
+        size = getattr(self.field, "rays_at_once", GRADIENT_CHUNK)
+        for first in range(0, max(len(rays_o), 1), size):
+            chunk = slice(first, first + size)
             rays = Rays(rays_o[chunk], rays_d[chunk])
             with self._lock:
                 with _no_gradients():

@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from autonerf_lab.data.trajectory import Trajectory
 from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics, planar_pose
 from autonerf_lab.nerf import MODELS, NeRF, fit
 from autonerf_lab.nerf.models import model_spec
-from autonerf_lab.nerf.ray_batch import assign, to_numpy
+from autonerf_lab.nerf.ray_batch import Rays, Samples, assign, to_numpy
+from autonerf_lab.nerf.rendering import LOG_SIGMA_START
+from autonerf_lab.nerf.scene_box import SceneBox
 
 CAMERA = Intrinsics.from_fov(8, 8)
 POSE = planar_pose(0.0, 0.5, 0.0)
@@ -79,3 +82,30 @@ def test_extreme_parameters_and_coordinates_give_finite_values(field: NeRF, scal
     finally:
         for name, value in field.model.parameters.items():
             assign(value, kept[name])
+
+
+def test_the_number_of_rays_at_once_changes_no_value(field: NeRF, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    origins, directions, target = rng.normal(size=(3, 60, 3)).astype(np.float32)
+    rays = origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    found = []
+    for size in (60, 7):
+        monkeypatch.setattr(field.model.field, "rays_at_once", size, raising=False)
+        found.append((*field.model.render_rays(*rays), *field.model.ray_gradients(*rays, target)))
+    for together, apart in zip(*found, strict=True):
+        np.testing.assert_allclose(apart, together, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["semantic-nerf", "semantic-nerfacto"])
+def test_a_torch_field_has_the_densities_of_its_forward_function(name: str) -> None:
+    spec, box = model_spec(name), SceneBox(np.zeros(3, np.float32), np.ones(3, np.float32), 1.0)
+    model = spec.build(spec.settings["smoke"], box, 1, 16, np.random.default_rng(0), "cpu")
+    points = np.random.default_rng(1).uniform(-2, 2, (9, 5, 3)).astype(np.float32)
+    rays = Rays(points[:, 0], points[:, 1] / np.linalg.norm(points[:, 1], axis=1, keepdims=True))
+    samples = Samples.between(np.tile(np.linspace(0.1, 3, 7, dtype=np.float32), (9, 1)))
+    for field in {model.field, getattr(model.sampler, "coarse", model.field)}:
+        with torch.no_grad():
+            raw = field.forward(torch.from_numpy(points), torch.from_numpy(rays.directions), None)[0].numpy()
+        density = np.exp(raw + LOG_SIGMA_START).ravel()
+        np.testing.assert_allclose(field.density(points.reshape(-1, 3)), density, rtol=1e-5)
+        np.testing.assert_allclose(field.weights(rays, samples), field.render(rays, samples).weights, rtol=1e-5)

@@ -57,17 +57,25 @@ class FrequencyField(TorchField):
         self, points: torch.Tensor, directions: torch.Tensor, frames: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Evaluate the network at points on rays; see the base class."""
-        s = self.settings
-        x = frequencies(2 * self.box.contract_tensor(points) - 1, s.position_frequencies)
-        h = x
-        for k in range(s.layers):
-            h = torch.relu(self._layer(f"trunk_{k}", torch.cat([x, h], dim=-1) if k == s.skip + 1 else h))
+        s, h = self.settings, self._trunk(points)
         raw = self._layer("density", h)[..., 0]
         logits = self._layer("semantic_1", torch.relu(self._layer("semantic_0", h)))
         d = frequencies(directions, s.direction_frequencies) * (1.0 if s.view_dependent else 0.0)
         feature = torch.cat([self._layer("feature", h), d[:, None].expand(*h.shape[:2], -1)], dim=-1)
         color = torch.sigmoid(self._layer("color_1", torch.relu(self._layer("color_0", feature))))
         return raw, color, logits
+
+    def raw_density(self, points: torch.Tensor) -> torch.Tensor:
+        """Evaluate the density only; see the base class."""
+        return self._layer("density", self._trunk(points))[..., 0]
+
+    def _trunk(self, points: torch.Tensor) -> torch.Tensor:
+        s = self.settings
+        x = frequencies(2 * self.box.contract_tensor(points) - 1, s.position_frequencies).flatten(0, 1)
+        h = x  # flat: autograd copies a view that is changed in place
+        for k in range(s.layers):
+            h = self._layer(f"trunk_{k}", torch.cat([x, h], dim=-1) if k == s.skip + 1 else h).relu_()
+        return h.unflatten(0, points.shape[:2])
 
     def _layer(self, name: str, x: torch.Tensor) -> torch.Tensor:
         p = self.parameters

@@ -47,6 +47,8 @@ class TorchField(ABC):
 
     def __init__(self, settings: Settings, values: dict[str, np.ndarray], device: str) -> None:
         self.settings, self.device = settings, torch.device(device)
+        if self.device.type == "cpu":
+            self.rays_at_once = 256  # their values stay in the cache of a core
         self.parameters: Arrays = tensors(values, device)
 
     @abstractmethod
@@ -117,17 +119,28 @@ class TorchField(ABC):
         depth = rendering.median_depth(r.weights, r.starts, r.ends)
         return RenderOutput(*(value.cpu().numpy() for value in (r.color, r.logits, depth, r.weights)))
 
+    def raw_density(self, points: torch.Tensor) -> torch.Tensor:
+        """Return the first output of :meth:`forward` at (R, S, 3) points; override it where that costs less."""
+        return self.forward(points, points.new_tensor([0.0, 0.0, -1.0]).expand(len(points), 3), None)[0]
+
+    @torch.no_grad()
+    def weights(self, rays: Rays, samples: Samples) -> np.ndarray:
+        """Return the (R, S) weights of samples, as :meth:`render` does, without colours and classes."""
+        starts, ends = self.tensor(samples.starts), self.tensor(samples.ends)
+        raw = self.raw_density(midpoints(self.tensor(rays.origins), self.tensor(rays.directions), starts, ends))
+        return rendering.weights_from_density(rendering.density_from_raw(raw), starts, ends).cpu().numpy()
+
     def density(self, points: np.ndarray) -> np.ndarray:
         """Return densities at points; see :class:`~autonerf_lab.nerf.model.Field`."""
-        return self._query(points, None, lambda raw, color, logits: rendering.density_from_raw(raw))
+        return self._query(points, None, lambda x, d: rendering.density_from_raw(self.raw_density(x)))
 
     def color(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Return colours at points; see :class:`~autonerf_lab.nerf.model.Field`."""
-        return self._query(points, directions, lambda raw, color, logits: color)
+        return self._query(points, directions, lambda x, d: self.forward(x, d, None)[1])
 
     def logits(self, points: np.ndarray) -> np.ndarray:
         """Return class logits at points; see :class:`~autonerf_lab.nerf.model.Field`."""
-        return self._query(points, None, lambda raw, color, logits: logits)
+        return self._query(points, None, lambda x, d: self.forward(x, d, None)[2])
 
     def ray_gradients(
         self, rays: Rays, samples: Samples, target: np.ndarray
@@ -158,16 +171,16 @@ class TorchField(ABC):
 
     @torch.no_grad()
     def _query(
-        self, points: np.ndarray, directions: np.ndarray | None, pick: Callable[..., torch.Tensor]
+        self, points: np.ndarray, directions: np.ndarray | None, evaluate: Callable[..., torch.Tensor]
     ) -> np.ndarray:
-        """Evaluate the field at (N, 3) points in chunks; ``pick`` selects the output."""
+        """Evaluate the field at (N, 3) points in chunks: ``evaluate`` gets (n, 1, 3) points and (n, 3) directions."""
         if directions is None:
             directions = np.broadcast_to(np.array([0.0, 0.0, -1.0]), (len(points), 3))
-        found, size = [], 1 << 16
+        found, size = [], 1 << (13 if self.device.type == "cpu" else 16)
         for first in range(0, max(len(points), 1), size):
             chunk = slice(first, first + size)
             x, d = (self.tensor(np.asarray(a[chunk], np.float32)) for a in (points, directions))
-            found.append(pick(*(value[:, 0] for value in self.forward(x[:, None], d, None))).cpu().numpy())
+            found.append(evaluate(x[:, None], d)[:, 0].cpu().numpy())
         return np.concatenate(found)
 
 

@@ -29,7 +29,7 @@ class HierarchicalSampler:
         s, shift = self.settings, torch.from_numpy(jitter)
         edges = rendering.first_edges(s.near, s.far, s.turn, shift, s.coarse_samples)
         regular = Samples.between(edges.numpy())
-        weights = torch.from_numpy(self.coarse.render(rays, regular).weights)
+        weights = torch.from_numpy(self.coarse.weights(rays, regular))
         finer = rendering.resample(edges, weights, shift, PADDING, s.fine_samples + 1)
         every = torch.cat([edges, finer[:, 1:-1]], dim=1).sort(dim=1).values
         return Samples.between(every.numpy(), regular)
