@@ -38,7 +38,13 @@ class Interval:
 
     @property
     def p_value(self) -> float:
-        """Two-sided p-value of Student's t test that the mean is zero; nan for a single scene."""
+        """Two-sided p-value of Student's t test that the mean is zero; nan for a single scene.
+
+        It is nan, too, if the scenes agree but for rounding. Few scenes do where a score has coarse steps, as that of
+        20 poses has; their deviation of zero is no estimate of how much other scenes would differ.
+        """
+        if np.isinf(self.effect_size):
+            return float("nan")
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(2 * _t(self).sf(np.abs(np.divide(self.mean, self.standard_error))))
 
