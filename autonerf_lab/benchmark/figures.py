@@ -23,7 +23,10 @@ def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLI
     Intervals that are much wider than the range of the scores, as those of two scenes, are cut at the axes.
     """
     rows = found.rows
-    figure = Figure(figsize=(13, 0.9 + 2 * (0.9 + 0.28 * len(rows))), layout="constrained")
+    policies, models = ({row[part] for row in rows} for part in (0, 1))
+    names = [", ".join(row) if len(policies) > 1 < len(models) else row[len(models) > 1] for row in rows]
+    width = 11 + 0.08 * max(map(len, names))
+    figure = Figure(figsize=(width, 0.9 + 2 * (0.9 + 0.28 * len(rows))), layout="constrained")
     axes = figure.subplots(2, (len(metrics) + 1) // 2, squeeze=False, sharey=True).ravel()
     for ax, metric in zip(axes, metrics, strict=False):
         shown: list[float] = []  # scores of scenes, and the paper's
@@ -46,8 +49,7 @@ def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLI
                 ax.set_xlim(max(left, min(shown) - margin), min(right, max(shown) + margin))
         ax.set_title(textwrap.fill(metric.heading + (" ↓" if metric.better < 0 else ""), 32), fontsize=10)
         ax.grid(axis="x", alpha=0.3)
-    several = len({model for _, model in rows}) > 1
-    axes[0].set_yticks(range(len(rows)), [f"{p}, {m}" if several else p for p, m in rows])
+    axes[0].set_yticks(range(len(rows)), names)
     axes[0].set_ylim(len(rows) - 0.5, -0.5)
     for ax in axes[len(metrics) :]:
         ax.axis("off")
@@ -78,7 +80,8 @@ def coverage_curves(found: ResultsTable) -> Figure:
     axes[0].set_ylabel("coverage, % of the visible total")
     handles, labels = axes[0].get_legend_handles_labels()
     if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
+        columns = max(1, min(6, 160 // (8 + max(map(len, labels)))))  # 160 characters fill the width
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
