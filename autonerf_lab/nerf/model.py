@@ -12,7 +12,7 @@ sampler, or a new combination of existing ones, and a :class:`ModelSpec` that bu
 
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
@@ -26,14 +26,16 @@ from autonerf_lab.nerf.ray_batch import Arrays, Rays, RenderOutput, Samples, Tar
 from autonerf_lab.nerf.scene_box import SceneBox
 from autonerf_lab.nerf.settings import Settings
 
-RENDER_CHUNK = 4096  # rays rendered at once, unless the field has an attribute ``rays_at_once``
-GRADIENT_CHUNK = 1 << 15  # rays whose gradients are computed at once, with the same exception
+RENDER_CHUNK = 4096  # rays rendered at once
+GRADIENT_CHUNK = 1 << 15  # rays whose gradients are computed at once
 
 
 class Field(Protocol):
     """Density, colour and class logits at points. The optimiser updates ``parameters`` in place.
 
-    Points, rays and lengths are in coordinates of the field, :class:`~autonerf_lab.nerf.field_frame.FieldFrame`.
+    Points, rays and lengths are in coordinates of the field, :class:`~autonerf_lab.nerf.field_frame.FieldFrame`. The
+    attribute ``rays_at_once``, if there is one, is the largest number of rays of a call of ``render`` or
+    ``ray_gradients``, instead of those of this module.
     """
 
     parameters: Arrays
@@ -213,9 +215,8 @@ class Model:
             color (N, 3), logits (N, C), depth (N,) median distance along the ray, opacity (N,); float32.
         """
         parts = []
-        size = getattr(self.field, "rays_at_once", RENDER_CHUNK)
-        for first in range(0, max(len(rays_o), 1), size):
-            rays = Rays(rays_o[first : first + size], rays_d[first : first + size])
+        for chunk in self._chunks(len(rays_o), RENDER_CHUNK):
+            rays = Rays(rays_o[chunk], rays_d[chunk])
             with self._lock, _no_gradients():
                 output = self.field.render(rays, self._evaluation_samples(rays))
                 parts.append((output.color, output.logits, output.depth, output.weights.sum(axis=1)))
@@ -238,9 +239,7 @@ class Model:
             error (N,), mean over the channels; gradients (N, 3) of origins and of unit directions.
         """
         parts = []
-        size = getattr(self.field, "rays_at_once", GRADIENT_CHUNK)
-        for first in range(0, max(len(rays_o), 1), size):
-            chunk = slice(first, first + size)
+        for chunk in self._chunks(len(rays_o), GRADIENT_CHUNK):
             rays = Rays(rays_o[chunk], rays_d[chunk])
             with self._lock:
                 with _no_gradients():
@@ -248,6 +247,10 @@ class Model:
                 parts.append(self.field.ray_gradients(rays, samples, target[chunk]))
         error, d_o, d_d = (np.concatenate(values) for values in zip(*parts, strict=True))
         return error, d_o, d_d
+
+    def _chunks(self, count: int, size: int) -> Iterator[slice]:
+        size = getattr(self.field, "rays_at_once", size)
+        return (slice(first, first + size) for first in range(0, max(count, 1), size))
 
     def _evaluation_samples(self, rays: Rays) -> Samples:
         return self.sampler.sample(rays, np.full(len(rays), 0.5, np.float32))

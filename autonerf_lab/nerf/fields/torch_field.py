@@ -15,6 +15,8 @@ from autonerf_lab.nerf import rendering
 from autonerf_lab.nerf.ray_batch import Arrays, Rays, RenderOutput, Samples, Targets, TrainOutput
 from autonerf_lab.nerf.settings import Settings
 
+DOWN = (0.0, 0.0, -1.0)  # viewing direction of queries that do not depend on it
+
 
 class RenderedTensors(NamedTuple):
     """Rendered values of R rays with S samples, differentiable."""
@@ -121,7 +123,7 @@ class TorchField(ABC):
 
     def raw_density(self, points: torch.Tensor) -> torch.Tensor:
         """Return the first output of :meth:`forward` at (R, S, 3) points; override it where that costs less."""
-        return self.forward(points, points.new_tensor([0.0, 0.0, -1.0]).expand(len(points), 3), None)[0]
+        return self.forward(points, points.new_tensor(DOWN).expand(len(points), 3), None)[0]
 
     @torch.no_grad()
     def weights(self, rays: Rays, samples: Samples) -> np.ndarray:
@@ -175,7 +177,7 @@ class TorchField(ABC):
     ) -> np.ndarray:
         """Evaluate the field at (N, 3) points in chunks: ``evaluate`` gets (n, 1, 3) points and (n, 3) directions."""
         if directions is None:
-            directions = np.broadcast_to(np.array([0.0, 0.0, -1.0]), (len(points), 3))
+            directions = np.broadcast_to(np.array(DOWN), (len(points), 3))
         found, size = [], 1 << (13 if self.device.type == "cpu" else 16)
         for first in range(0, max(len(points), 1), size):
             chunk = slice(first, first + size)
