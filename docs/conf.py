@@ -33,7 +33,6 @@ PAGES = {
     "changelog": "CHANGELOG.md",
     "committed_grid": "benchmarks/results/README.md",
     "committed_tables": "benchmarks/results/val-0.1/tables.md",
-    "test_conditions": "benchmarks/results/test-conditions/tables.md",
     "test_models": "benchmarks/results/test-models/tables.md",
     "test_tables": "benchmarks/results/test/tables.md",
     "contributing": "CONTRIBUTING.md",

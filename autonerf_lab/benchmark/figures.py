@@ -58,11 +58,12 @@ def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLI
 
 def coverage_curves(found: ResultsTable) -> Figure:
     """Plot the coverage over the episode by policy: mean over scenes, and a band from worst to best scene."""
-    figure = Figure(figsize=(13, 3.8), layout="constrained")
-    axes = figure.subplots(1, len(CURVES), sharey=True)
     # Models share a curve, because they have the same trajectories; noise and pose sources do not.
     names = [f"{label(o.cell.policy)}{', ' * bool(o.cell.condition)}{o.cell.condition}" for o in found.outcomes]
     policies = list(dict.fromkeys(names))
+    columns = max(1, min(6, 160 // (8 + max(map(len, policies), default=0))))  # 160 characters fill the width
+    figure = Figure(figsize=(13, 3.2 + 0.22 * -(-len(policies) // columns)), layout="constrained")
+    axes = figure.subplots(1, len(CURVES), sharey=True)
     for ax, (key, title) in zip(axes, CURVES.items(), strict=True):
         for k, policy in enumerate(policies):
             color, style = COLORS[k % len(COLORS)], LINE_STYLES[k // len(COLORS) % len(LINE_STYLES)]
@@ -80,7 +81,6 @@ def coverage_curves(found: ResultsTable) -> Figure:
     axes[0].set_ylabel("coverage, % of the visible total")
     handles, labels = axes[0].get_legend_handles_labels()
     if handles:
-        columns = max(1, min(6, 160 // (8 + max(map(len, labels)))))  # 160 characters fill the width
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
