@@ -59,8 +59,10 @@ class _Policies:
 
     def __call__(self, found: ResultsTable) -> Table:
         plain = _plain_rows(found)
-        rows = [(row, row[0] if row[1] == plain[0][1] else f"{row[0]}, {row[1]}") for row in plain]
-        first = [row for row in plain if row[1] == plain[0][1]]
+        # An optional task may be that of a few policies: the others have no line.
+        scored = [row for row in plain if any(_text(found, row, m) != NO_VALUE for m in self.metrics)] or plain
+        rows = [(row, row[0] if row[1] == plain[0][1] else f"{row[0]}, {row[1]}") for row in scored]
+        first = [row for row in scored if row[1] == plain[0][1]]
         made = _means(found, self.name, self.title, self.metrics, rows, paper_values, self.hint, first)
         if self.oracle and (line := self._oracle(found, made)):
             made = replace(made, rows=(*made.rows, line))
