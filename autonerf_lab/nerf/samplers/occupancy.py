@@ -19,8 +19,8 @@ class OccupancySampler:
 
     A ray is marched through the occupied cells of a grid, and the field's own density in the marched bins tells where
     the ray is dark. The grid alone cannot tell: it stores the largest density of a cell, which a ray may cross beside
-    the surface; so it ends a ray only after ``reach`` metres of occupied space. When rays end in front of surfaces, the
-    field learns what they saw behind as low density in front; this fills the grid, and the training does not recover.
+    the surface; so it ends a ray only after ``reach`` metres of occupied space. With 0.3 m the grid fills, and
+    trainings end 9 dB lower (documentation, Results).
 
     The grid covers the contracted cube. Every ``update_every`` steps its densities decay, and the density at a random
     point of each queried cell replaces the stored one where it is larger. A cell is occupied if its density exceeds a
