@@ -23,13 +23,11 @@ def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLI
     Intervals that are much wider than the range of the scores, as those of two scenes, are cut at the axes.
     """
     rows = found.rows
-    models = {row[1].partition(", ")[0] for row in rows}
-    one_policy = len({row[0] for row in rows}) == 1
-    names = []
-    for policy, variant in rows:
-        model, _, conditions = variant.partition(", ")
-        told = "" if one_policy and len(models) > 1 else policy, model if len(models) > 1 else "", conditions
-        names.append(", ".join(filter(None, told)))
+    parts = [[policy, *variant.partition(", ")[::2]] for policy, variant in rows]  # policy, model, conditions
+    policies, models = ({part[k] for part in parts} for k in (0, 1))
+    # a name that all rows share is left out, except that of the only policy with the only model
+    shown = len(policies) > 1 or len(models) == 1, len(models) > 1, True
+    names = [", ".join(text for text, show in zip(part, shown, strict=True) if show and text) for part in parts]
     width = 11 + 0.08 * max(map(len, names))
     figure = Figure(figsize=(width, 0.9 + 2 * (0.9 + 0.28 * len(rows))), layout="constrained")
     axes = figure.subplots(2, (len(metrics) + 1) // 2, squeeze=False, sharey=True).ravel()

@@ -175,6 +175,7 @@ def test_scores_in_the_mesh_and_in_the_true_scene_are_compared_within_a_cell(tmp
     (line,) = made.rows  # the policy without the task has none
     assert line[0].text == "modular-obs"
     assert [entry.text for entry in line[-2:]] == ["-10.0 ± 0.0", "–"] and line[-2].bold
+    assert {entry.text for entry in line[1:] if entry.text[0].isalpha()} == set(), "not measured is not null"
 
 
 def test_the_true_geometry_is_the_last_row(tmp_path):

@@ -69,7 +69,7 @@ RGBD: dict[str, Any] = {
 }
 RGBD_SPEC = ModelSpec(
     {
-        # After so few steps, longer rays do not help where depth is noisy.
+        # The reach of `fast` was measured with its own steps only.
         "smoke": replace(SETTINGS["smoke"], **RGBD | {"label_distance": 0.0, "reach": 0.6}, steps=200),
         "fast": replace(SETTINGS["fast"], **RGBD),
         "paper": replace(SETTINGS["paper"], **RGBD),
