@@ -26,8 +26,8 @@ def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLI
     parts = [[policy, *variant.partition(", ")[::2]] for policy, variant in rows]  # policy, model, conditions
     policies, models = ({part[k] for part in parts} for k in (0, 1))
     # a name that all rows share is left out, except that of the only policy with the only model
-    shown = len(policies) > 1 or len(models) == 1, len(models) > 1, True
-    names = [", ".join(text for text, show in zip(part, shown, strict=True) if show and text) for part in parts]
+    told = len(policies) > 1 or len(models) == 1, len(models) > 1, True
+    names = [", ".join(text for text, show in zip(part, told, strict=True) if show and text) for part in parts]
     width = 11 + 0.08 * max(map(len, names))
     figure = Figure(figsize=(width, 0.9 + 2 * (0.9 + 0.28 * len(rows))), layout="constrained")
     axes = figure.subplots(2, (len(metrics) + 1) // 2, squeeze=False, sharey=True).ravel()
