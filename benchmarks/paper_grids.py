@@ -3,6 +3,7 @@
     python benchmarks/paper_grids.py  # a day and a half on two cores; continues after an interruption
     python benchmarks/paper_grids.py --grids test/policies  # one of them
     python benchmarks/paper_grids.py --grids test/policies --scenes test-00 --out runs/test-00  # a part of it
+    python benchmarks/paper_grids.py --save-runs  # keeps the fields, for LPIPS by `bench lpips` without another fit
     python benchmarks/paper_grids.py --quick  # two small cells, as a check of the script
 
 Each grid has a results folder of its own under ``--out``, in groups. ``test`` compares the policies in the twenty test
@@ -23,7 +24,7 @@ from pathlib import Path
 from autonerf_lab.benchmark import Grid, run_grid
 from autonerf_lab.benchmark.correlations import POLICIES as MODULAR
 from autonerf_lab.benchmark.grid import PAPER_POLICIES
-from autonerf_lab.benchmark.paper_tables import OURS
+from autonerf_lab.benchmark.table_entries import OURS
 from autonerf_lab.scenes import scene_names
 
 TRAINED = Path(__file__).parent / "policy_training"
@@ -59,6 +60,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="Cells at a time.")
     parser.add_argument("--retry", nargs="+", default=[], help="Statuses of cells to run again, such as failed.")
     parser.add_argument("--out", type=Path, default=Path("runs/paper"), help="Folder of the results folders.")
+    parser.add_argument("--save-runs", action="store_true", help="Keep the run folder of each cell, with its field.")
     parser.add_argument("--quick", action="store_true", help="Two policies in one scene, as a check of the script.")
     options = parser.parse_args()
     grids = {name: GRIDS[name] for name in options.grids}
@@ -69,7 +71,7 @@ def main() -> None:
         grids, options.out = {"quick": small}, Path(tempfile.mkdtemp())
     finished = {}
     for name, grid in grids.items():
-        results = run_grid(grid, options.out / name, options.workers, retry=options.retry)
+        results = run_grid(grid, options.out / name, options.workers, retry=options.retry, save_runs=options.save_runs)
         finished[name] = sum(outcome.finished for outcome in results.outcomes())
         print(f"{name}: {finished[name]} of {len(results.grid.cells())} cells", flush=True)
     print(json.dumps(finished))

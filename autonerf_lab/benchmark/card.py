@@ -6,9 +6,10 @@ from typing import Any
 from autonerf_lab.benchmark import paper
 from autonerf_lab.benchmark.cell import reward_of
 from autonerf_lab.benchmark.grid import is_path, label
-from autonerf_lab.benchmark.paper_tables import REFERENCES, difference_entry, paper_values, spread
+from autonerf_lab.benchmark.paper_tables import REFERENCES
 from autonerf_lab.benchmark.results import Results
 from autonerf_lab.benchmark.results_table import ResultsTable, Row
+from autonerf_lab.benchmark.table_entries import difference_entry, spread
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.errors import DataError
 from autonerf_lab.version import __version__
@@ -51,7 +52,7 @@ def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
     for metric in paper.HEADLINES:
         mean = found.interval(row, metric.key)
         apart = found.difference(row, reference, metric.key) if reference else None
-        published = paper_values(row).get(metric.key)
+        published = paper.published_scores(row, found.rows).get(metric.key)
         rows.append(
             (
                 Entry(metric.full_heading),

@@ -1,8 +1,8 @@
 """Comparison of two results tables, paired by scene and start."""
 
 from autonerf_lab.benchmark import paper
-from autonerf_lab.benchmark.paper_tables import difference_entry
 from autonerf_lab.benchmark.results_table import ResultsTable, Row, paired_difference
+from autonerf_lab.benchmark.table_entries import difference_entry
 from autonerf_lab.benchmark.text_table import Entry, Table
 from autonerf_lab.errors import RunFolderError
 

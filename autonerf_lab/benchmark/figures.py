@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from autonerf_lab.benchmark.grid import label
-from autonerf_lab.benchmark.paper import BY_POLICY, HEADLINES
+from autonerf_lab.benchmark.paper import HEADLINES, published_scores
 from autonerf_lab.benchmark.results_table import ResultsTable
 from autonerf_lab.evaluators.metrics import Metric
 
@@ -42,8 +42,8 @@ def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLI
                 half = 0.0 if mean.scenes == 1 else mean.half_width * metric.scale
                 ax.errorbar(mean.mean * metric.scale, y, xerr=half, fmt="o", color=color, capsize=3, zorder=3)
                 ax.plot(means, np.full(len(means), y), ".", color=color, alpha=0.4)
-            published = BY_POLICY.get(row[0], {}).get(metric.key)
-            if published is not None and row[1] == "semantic-nerfacto":
+            published = published_scores(row, rows).get(metric.key)
+            if published is not None:
                 ax.plot(published * metric.scale, y, "D", markerfacecolor="none", color="#888888", markersize=5)
                 shown.append(published * metric.scale)
         if shown:

@@ -6,9 +6,10 @@ import numpy as np
 from scipy import stats
 
 from autonerf_lab.benchmark import paper
-from autonerf_lab.benchmark.paper_tables import BOUNDS, spread
+from autonerf_lab.benchmark.paper_tables import BOUNDS
 from autonerf_lab.benchmark.results_table import ResultsTable, Row
 from autonerf_lab.benchmark.statistics import interval
+from autonerf_lab.benchmark.table_entries import spread
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.errors import RunFolderError
 

@@ -1,5 +1,8 @@
 """Tables of the paper: which metrics they have, and the published values on Gibson (Marza et al., 2023)."""
 
+from collections.abc import Collection
+
+from autonerf_lab.benchmark.results_table import Row
 from autonerf_lab.evaluators.metrics import METRICS, Key, Metric, metrics_of
 
 POLICY_NAMES = {
@@ -100,7 +103,6 @@ _TABLES = (
 BY_POLICY: dict[str, dict[Key, float]] = {
     policy: {key: value for table in _TABLES for key, value in table.get(policy, {}).items()} for policy in _POLICIES
 }
-BY_POLICY["frontier"] = BY_POLICY["frontier-classic"]  # ours stands in for the paper's in grids without the latter
 BY_MODEL = _table((PSNR, SSIM, LPIPS), "25.56 .846 .203\n24.92 .806 .279", ("semantic-nerfacto", "instant-ngp"))
 PREDICTED_METRICS = (PER_CLASS, MIOU, *SEMANTIC, *OBJECTGOAL)
 PREDICTED = _table(PREDICTED_METRICS, "65.4 61.1 99.7 14.1 8.5 6.8 6.5", ("modular-obs",))["modular-obs"]
@@ -126,3 +128,16 @@ CORRELATIONS: dict[tuple[str, Key], list[str]] = {  # reward and metric -> r in 
     for reward, row in zip(("cov", "sem", "obs", "view"), _R_OF.strip().splitlines(), strict=True)
     for metric, values in zip(CORRELATED, row.split("|"), strict=True)
 }
+
+
+def published_scores(row: Row, rows: Collection[Row]) -> dict[Key, float]:
+    """Return the paper's scores of a policy with Semantic Nerfacto, without noise; empty for other rows.
+
+    Args:
+        row: policy and model.
+        rows: those of the table. In one without ``frontier-classic``, ``frontier`` stands beside the paper's frontier.
+    """
+    policy, model = row
+    if policy == "frontier" and ("frontier-classic", model) not in rows:
+        policy = "frontier-classic"
+    return BY_POLICY.get(policy, {}) if model == "semantic-nerfacto" else {}

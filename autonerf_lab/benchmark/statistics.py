@@ -23,7 +23,7 @@ class Interval:
 
     Example:
         >>> found = interval({"a": [1.0], "b": [2.0], "c": [3.0]})
-        >>> round(found.p_value, 3), found.effect_size, round(found.detectable, 2)
+        >>> round(found.p_value, 3), found.effect_size, round(found.detectable(), 2)
         (0.074, 2.0, 3.1)
     """
 
@@ -60,14 +60,17 @@ class Interval:
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.divide(self.mean, deviation))
 
-    @property
-    def detectable(self) -> float:
-        """Smallest true mean that a test at the 5 % level finds with a probability of about 80 %.
+    def detectable(self, comparisons: int = 1) -> float:
+        """Return the smallest true mean that a test at the 5 % level finds with a probability of about 80 %.
 
         The usual sum of two quantiles: 80 % for ten scenes and more, 79 % for five, 73 % for two; nan for one.
+
+        Args:
+            comparisons: size of a family. The level is divided by it, as Holm's correction does with the smallest
+                p-value of a family.
         """
         t = _t(self)
-        return float(t.ppf((1 + LEVEL) / 2) + t.ppf(POWER)) * self.standard_error
+        return float(t.ppf(1 - (1 - LEVEL) / 2 / comparisons) + t.ppf(POWER)) * self.standard_error
 
     @property
     def excludes_zero(self) -> bool:

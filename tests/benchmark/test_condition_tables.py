@@ -74,7 +74,7 @@ def test_predicted_semantics_are_a_row_of_their_own_beside_the_paper(tmp_path):
     made = table("semantics", found)
     line = next(row for row in made.rows if row[0].text == "rendering: mIoU [%]")
     assert [entry.text for entry in line[1:]] == ["91.0 ± 2.5", "83.2", "71.0 ± 2.5", "61.1", "-20.0 ± 0.0"]
-    assert "modular-obs" in made.note and "not measured" in table("semantics", load_results_table(true)).note
+    assert "modular-obs" in made.note and "Not measured" in table("semantics", load_results_table(true)).note
     d = found.difference(found.rows[-1], ("modular-obs", MODEL), metric)
     assert d.mean == pytest.approx(-20) and d.half_width == pytest.approx(0)
     assert grid.cells()[0].name == f"val-0_modular-obs_0_{MODEL}_predicted"

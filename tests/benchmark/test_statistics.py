@@ -31,12 +31,13 @@ def test_p_value_effect_size_and_detectable_difference_by_hand():
     assert found.standard_error == pytest.approx(np.sqrt(14 / 12))
     assert found.p_value == pytest.approx(stats.ttest_1samp(values, 0).pvalue) == pytest.approx(0.0692, abs=1e-4)
     assert found.effect_size == pytest.approx(3 / np.sqrt(14 / 3))
-    assert found.detectable == pytest.approx((3.1824 + 0.9785) * np.sqrt(14 / 12), abs=1e-3)
+    assert found.detectable() == pytest.approx((3.1824 + 0.9785) * np.sqrt(14 / 12), abs=1e-3)
+    assert found.detectable(comparisons=2) == pytest.approx((4.1765 + 0.9785) * np.sqrt(14 / 12), abs=1e-3)  # 1.25 %
     assert interval({"a": [-0.1], "b": [0.2 - 0.3]}).effect_size == -np.inf, "they differ by a rounding error"
     same = interval({"a": [2.0], "b": [2.0]})
-    assert np.isnan(same.p_value) and np.isinf(same.effect_size) and same.detectable == 0
+    assert np.isnan(same.p_value) and np.isinf(same.effect_size) and same.detectable() == 0
     single = interval({"a": [2.0]})
-    assert np.isnan([single.p_value, single.effect_size, single.detectable]).all()
+    assert np.isnan([single.p_value, single.effect_size, single.detectable()]).all()
     assert np.isnan(interval({"a": [0.0], "b": [0.0]}).p_value), "no difference at all is not a finding"
 
 

@@ -29,6 +29,15 @@ def entries(made, row):
     return dict(zip(made.header[1:], made.rows[row][1:], strict=True))
 
 
+def test_our_frontier_stands_beside_that_of_the_paper_only_without_the_classical_one(tmp_path):
+    values = {"frontier": [20.0] * 3, "modular-obs": [25.0] * 3}
+    both = {"frontier-classic": [18.0] * 3, **values}
+    for k, (runs, published) in enumerate(((values, ["19.75", "25.56"]), (both, ["19.75", "–", "25.56"]))):
+        grid = Grid(tuple(runs), GRID.scenes, 1, preset="smoke")
+        made = table("rendering", load_results_table(folder(tmp_path / str(k), runs, grid)))
+        assert [row[2].text for row in made.rows] == published
+
+
 def test_mean_interval_and_paper_by_hand(tmp_path):
     found = load_results_table(folder(tmp_path, {"frontier": [19.0, 20.0, 21.0], "modular-obs": [24.0, 25.0, 27.0]}))
     made = table("rendering", found)
@@ -112,7 +121,7 @@ def test_a_policy_is_compared_with_the_imitation_that_it_started_from(tmp_path):
     grid = replace(GRID, policies=("modular-obs", "modular-view", "runs/modular-obs-imitation.safetensors"))
     values = {name: [k + 1.0, k + 2.0, k + 3.0] for k, name in enumerate(reversed(grid.policies))}
     made = table("differences", load_results_table(folder(tmp_path, values, grid)))
-    assert [row[0].text for row in made.rows] == ["modular-obs − modular-obs-imitation"]
+    assert [row[0].text for row in made.rows] == ["modular-obs − modular-obs-imitation", "modular-obs − modular-view"]
     assert made.rows[0][1].text.startswith("+2.00 ± 0.00")
 
 
@@ -134,10 +143,19 @@ def test_modular_policies_stand_against_end_to_end_ones_and_the_power_is_said(tm
     grid = Grid(("modular-cov", "modular-obs", "e2e-nov"), GRID.scenes, 1, preset="smoke")
     values = {"modular-cov": [3.0, 5.0, 4.0], "modular-obs": [4.0, 6.0, 5.2], "e2e-nov": [1.0, 2.0, 3.0]}
     made = table("differences", load_results_table(folder(tmp_path, values, grid)))
-    assert [row[0].text for row in made.rows] == ["modular-cov − e2e-nov", "modular-obs − e2e-nov"]
+    assert [row[0].text for row in made.rows] == [
+        *("modular-cov − e2e-nov", "modular-obs − e2e-nov"),
+        "modular-cov − modular-obs",  # a family of its own
+    ]
     assert entries(made, 0)["PSNR [dB]"].text == f"+2.00 ± {4.302653 / math.sqrt(3):.2f}, d 2.0"  # 2, 3, 1
-    found = [(4.302653 + 1.060660) * np.std(d, ddof=1) / math.sqrt(3) for d in ([2, 3, 1], [3, 4, 2.2])]
-    assert made.note.endswith(f"a probability of 80 % (median, without correction): PSNR [dB] {np.mean(found):.2f}.")
+    errors = [np.std(d, ddof=1) / math.sqrt(3) for d in ([2, 3, 1], [3, 4, 2.2], [-1, -1, -1.2])]
+    # t(0.975, 2), t(0.8, 2), and t(1 - 0.025 / 2, 2) for the first family, of two differences
+    plain, corrected = (np.median([(t + 1.060660) * e for t, e in zip(ts, errors, strict=True)])
+                        for ts in ([4.302653] * 3, [6.205347, 6.205347, 4.302653]))  # fmt: skip
+    assert made.note.endswith(
+        f"80 % (median, in brackets after correction for the number of differences): PSNR [dB] {plain:.2f}"
+        f" ({corrected:.2f})."
+    )
     one = Grid(grid.policies, ("val-0",), 1, preset="smoke")
     alone = table("differences", load_results_table(folder(tmp_path / "one", values, one)))
     assert alone.rows and not alone.note, "a single scene has no interval"
@@ -165,7 +183,7 @@ def test_each_reference_has_a_family_of_its_own(tmp_path):
 def test_scores_in_the_mesh_and_in_the_true_scene_are_compared_within_a_cell(tmp_path):
     results = Results(tmp_path, GRID)
     for k, cell in enumerate(GRID.cells()):
-        scores = Score("navigation", "success", 80.0 + k), Score("navigation", "success_true_mesh", 90.0 + k)
+        scores = Score("navigation", "success", 80.0), Score("navigation", "success_true_mesh", 90.0 + k % 3)
         results.write(Outcome(cell, "ok", scores if cell.policy == "modular-obs" else (), {}))
     made = table("navigation", load_results_table(results))
     assert made.header[-2:] == (
@@ -174,8 +192,28 @@ def test_scores_in_the_mesh_and_in_the_true_scene_are_compared_within_a_cell(tmp
     )
     (line,) = made.rows  # the policy without the task has none
     assert line[0].text == "modular-obs"
-    assert [entry.text for entry in line[-2:]] == ["-10.0 ± 0.0", "–"] and line[-2].bold
+    assert [entry.text for entry in line[-2:]] == ["-11.0 ± 2.5, d -11.0", "–"] and line[-2].bold  # -10, -11, -12
     assert {entry.text for entry in line[1:] if entry.text[0].isalpha()} == set(), "not measured is not null"
+
+
+def test_fine_tuning_is_compared_with_the_pretrained_policy(tmp_path):
+    results = Results(tmp_path, GRID)
+    values = {"pretrained": (90.0, 70.0), "finetuned": (91.0, 74.0), "finetuned_true_mesh": (95.0, 80.0)}
+    for cell in GRID.cells():
+        scores = [
+            Score("finetuning", f"{score}_{stage}", pair[k])
+            for stage, pair in values.items()
+            for k, score in enumerate(("success", "spl"))
+        ]
+        results.write(Outcome(cell, "ok", tuple(scores), {}))
+    made = table("finetuning", load_results_table(results))
+    shown = {title: entry.text.split()[0] for title, entry in entries(made, 0).items() if "−" in title}
+    assert shown == {
+        "Success, fine-tuned in the mesh − Success, pre-trained": "+1.0",
+        "SPL, fine-tuned in the mesh − SPL, pre-trained": "+4.0",
+        "Success, fine-tuned in the true scene − Success, pre-trained": "+5.0",
+        "SPL, fine-tuned in the true scene − SPL, pre-trained": "+10.0",
+    }
 
 
 def test_the_true_geometry_is_the_last_row(tmp_path):
@@ -196,7 +234,7 @@ def test_tables_without_values_are_named_but_not_printed(tmp_path):
     text = (tmp_path / "tables.md").read_text()
     printed = {made.name for made in all_tables(found) if f"**{escaped(made.title)}**" in text}
     assert printed == {"rendering", "differences"}
-    assert "- No table navigation: Not measured yet. Add it with" in text
+    assert "- No table navigation: Not measured in these cells. Add it with" in text
 
 
 def test_a_score_that_is_null_in_all_cells_has_no_column(tmp_path):
@@ -266,7 +304,7 @@ def test_baselines_of_the_same_cells_are_columns(tmp_path):
     assert rows["planning: PointGoal success [%]"] == ["21.0 ± 2.5", "41.0 ± 2.5", "21.0 ± 2.5", "38.2"]
     assert rows["mesh: Accuracy [cm]"] == ["–", "–", "–", "–"]
     plain = load_results_table(folder(tmp_path / "plain", {"frontier": [1.0] * 3, "modular-obs": [2.0] * 3}))
-    assert table("baselines", plain).note == "Baselines: not measured yet; add them with --baselines."
+    assert table("baselines", plain).note == "Not measured in these cells. Add them with --baselines."
 
 
 def test_correlations_of_the_modular_policies_by_scene(tmp_path):
@@ -351,7 +389,7 @@ def test_values_of_the_paper_agree_with_the_metric_registry():
         best, frontier = metric.paper
         values = [by[metric.key] for by in paper.BY_POLICY.values() if metric.key in by]
         assert (max(values) if metric.better > 0 else min(values)) == pytest.approx(best)
-        published = paper.BY_POLICY["frontier"].get(metric.key)
+        published = paper.BY_POLICY["frontier-classic"].get(metric.key)
         assert published == (frontier if frontier is None else pytest.approx(frontier))
     assert paper.POSE[2].format(paper.BY_POLICY["modular-obs"][paper.POSE[2].key]) == "7.65"
     strongest = [r for (reward, _), rs in paper.CORRELATIONS.items() if reward == "obs" for r in rs]
