@@ -10,11 +10,10 @@ turns; the kernels should take at most a tenth of torch's time. Limit: the opera
 benchmarks/common/operations.py) at the rate of a large matrix product in the same run; the step should take at most
 twice that.
 
-Quality: views are uniform over the scene. There is one fit with the number of steps of the preset, and
-one fit for each of ``--seconds``, with the number of steps that takes so long: a fit that is cut short would not
-complete its learning-rate schedule. Models with -rgbd also train on depth. Seconds count the training without the
-evaluations. The baseline shows the nearest
-training view. Each fit runs in its own process.
+Quality: views are uniform over the scene. There is one fit with the number of steps of the preset, and one fit for each
+of ``--seconds``, with the number of steps that takes so long: a fit that is cut short would not complete its
+learning-rate schedule. Models with -rgbd also train on depth. Seconds count the whole of ``fit`` without the
+evaluations. The baseline shows the nearest training view. Each fit runs in its own process.
 
 Prints tables and, as the last line, one JSON object, which is also written to ``--out`` with a CSV and a figure.
 """
@@ -37,7 +36,7 @@ from common.training import (
     fit_and_score,
     in_fresh_process,
     interleaved,
-    milliseconds_per_step,
+    training_speed,
 )
 from common.views import read_views, write_views
 
@@ -114,11 +113,14 @@ def print_step(found: dict[str, float], settings: ProposalSettings, threads: int
     )
 
 
-def learn_scene(folder: Path, model: str, fits: dict[str, int], step_ms: float, threads: int) -> dict[str, dict]:
+def learn_scene(
+    folder: Path, model: str, fits: dict[str, int], speed: tuple[float, float], threads: int
+) -> dict[str, dict]:
     """Run all fits of one model to one scene, and return the results by name; marks near the end are dropped."""
     found = {}
+    step_ms, start = speed
     for name, steps in fits.items():
-        marks = tuple(mark for mark in MARKS if mark < 0.9 * steps * step_ms / 1000)
+        marks = tuple(mark for mark in MARKS if mark < 0.9 * (start + steps * step_ms / 1000))
         settings = replace(MODELS[model].settings["fast"], steps=steps)
         found[name] = in_fresh_process(threads, fit_and_score, folder, settings, marks, model)
         last = found[name]["rows"][-1]
@@ -172,18 +174,15 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def quality(
-    options: argparse.Namespace, step: dict[str, float], views: dict[str, Path], nearest: dict[str, dict]
-) -> dict:
+def quality(options: argparse.Namespace, views: dict[str, Path], nearest: dict[str, dict]) -> dict:
     """Fit every scene, write ``nerf.csv`` and ``nerf.png``, and return the values of the JSON."""
-    step_ms = {"semantic-nerfacto": step["step_ms"]}
+    speed = {}
     for model in options.models:
         settings, warm_up = MODELS[model].settings["fast"], 30 if options.quick else 500
-        if model not in step_ms:
-            step_ms[model] = in_fresh_process(
-                options.threads, milliseconds_per_step, views[options.scenes[0]], settings, model, warm_up
-            )
-            print(f"a step of {model} takes {step_ms[model]:.1f} ms")
+        speed[model] = in_fresh_process(
+            options.threads, training_speed, views[options.scenes[0]], settings, model, warm_up
+        )
+        print(f"a step of {model} takes {speed[model][0]:.1f} ms, the start {speed[model][1]:.1f} s more")
     rows: list[dict[str, Any]] = []
     processes = []
     for scene, folder in views.items():
@@ -193,8 +192,9 @@ def quality(
         rows.append({"scene": scene, "fit": "nearest view", "mark_s": None, "seconds": None, "step": None} | scores)
         for model in options.models:
             fits = {} if options.no_fast else {"fast": MODELS[model].settings["fast"].steps}
-            fits |= {f"{seconds:g} s": round(1000 * seconds / step_ms[model]) for seconds in options.seconds}
-            for name, result in learn_scene(folder, model, fits, step_ms[model], options.threads).items():
+            step_ms, start = speed[model]
+            fits |= {f"{s:g} s": max(1, round(1000 * (s - start) / step_ms)) for s in options.seconds}
+            for name, result in learn_scene(folder, model, fits, speed[model], options.threads).items():
                 processes.append(result)
                 scored = [{key: value for key, value in row.items() if key != "lpips"} for row in result["rows"]]
                 label = name if model == "semantic-nerfacto" else f"{name}, {model}"
@@ -255,9 +255,7 @@ def main() -> None:
         step = in_fresh_process(options.threads, measure_step, views[options.scenes[0]], settings, rounds, warm_up)
         print_step(step, settings, options.threads)
         values: dict[str, Any] = {key: step[key] for key in ("step_ms", "reference_step_ms", "limit_step_ms")}
-        values |= (
-            growth(options, step["step_ms"], Path(folder)) if options.growth else quality(options, step, views, nearest)
-        )
+        values |= growth(options, step["step_ms"], Path(folder)) if options.growth else quality(options, views, nearest)
     values = {key: round(value, 3) if isinstance(value, float) else value for key, value in values.items()}
     (options.out / ("growth.json" if options.growth else "nerf.json")).write_text(json.dumps(values, indent=2) + "\n")
     print(f"figure and tables: {options.out}/")

@@ -113,7 +113,7 @@ def _measured(pixels: PixelSampler, chosen: np.ndarray) -> Iterator[tuple[np.nda
     """Yield the origins, directions and depths of those of the chosen pixels that have a depth, in chunks."""
     for first in range(0, len(chosen), CHUNK):
         part = chosen[first : first + CHUNK]
-        rays, depth = pixels.rays(part), pixels.targets(part).depth
+        rays, depth = pixels.measured(part)
         known = depth > 0
         if known.any():
             yield rays.origins[known], rays.directions[known], depth[known]

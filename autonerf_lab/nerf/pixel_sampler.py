@@ -124,10 +124,21 @@ class PixelSampler:
 
     def rays(self, pixels: np.ndarray) -> Rays:
         """Return the rays of (R,) pixels, in the coordinates of the field."""
+        return self._rays_and_length(pixels)[0]
+
+    def measured(self, pixels: np.ndarray) -> tuple[Rays, np.ndarray]:
+        """Return the rays of (R,) pixels and their measured (R,) float32 distances, 0 for none."""
+        assert self.depth is not None
+        rays, length = self._rays_and_length(pixels)
+        return rays, self.depth[pixels] * length.astype(np.float32) / np.float32(self.frame.unit)
+
+    def _rays_and_length(self, pixels: np.ndarray) -> tuple[Rays, np.ndarray]:
         frames, directions = self._directions(pixels)
+        length = np.linalg.norm(directions, axis=1)
         poses = self.poses[frames]
-        unit = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
-        return Rays(np.ascontiguousarray(poses[:, :3, 3]), np.einsum("rij,rj->ri", poses[:, :3, :3], unit), frames)
+        unit = (directions / length[:, None]).astype(np.float32)
+        rotated = np.einsum("rij,rj->ri", poses[:, :3, :3], unit)
+        return Rays(np.ascontiguousarray(poses[:, :3, 3]), rotated, frames), length
 
     def targets(self, pixels: np.ndarray) -> Targets:
         """Return the ground truth of (R,) pixels."""

@@ -87,13 +87,23 @@ class Trainer:
         return float((weights > self.settings.min_weight).mean())
 
 
-def milliseconds_per_step(folder: Path, settings: Settings, model: str, warm_up: int) -> float:
-    """Return the duration of a training step after ``warm_up`` steps, with views of a folder."""
-    trainer = Trainer(read_views(folder, depth=settings.depth_weight > 0)[0], settings, model)
+def training_speed(folder: Path, settings: Settings, model: str, warm_up: int) -> tuple[float, float]:
+    """Return how long a training step takes after ``warm_up`` steps, with views of a folder, and how long the start.
+
+    Returns:
+        Milliseconds per step, and the seconds by which the preparation and the first ``warm_up`` steps, in which more
+        samples are active, take longer than that.
+    """
+    views = read_views(folder, depth=settings.depth_weight > 0)[0]
+    compile_kernels(views, settings, model)
+    started = time.perf_counter()
+    trainer = Trainer(views, settings, model)
     for _ in range(warm_up):
         trainer.step()
+    passed = time.perf_counter() - started
     # 16 steps, because the occupancy grid is updated every 16 steps and the proposals every 2
-    return interleaved({model: (trainer.step, 16)}, 7)[model]
+    step = interleaved({model: (trainer.step, 16)}, 7)[model]
+    return step, passed - warm_up * step / 1000
 
 
 def interleaved(steps: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:

@@ -13,6 +13,7 @@ from autonerf_lab.nerf.kernels.tiling import ONE, SMALLEST, TWO, ZERO
 UNKNOWN = np.int16(32767)
 MILLIMETRE = np.float32(0.001)
 CERTAIN = np.float32(30.0)  # metres; larger values are unknown
+SLABS = 8  # of the grid, for the threads that fuse depth
 MAX_STEPS = 512  # of a ray
 SECANT_STEPS = 4  # of the search for the fused surface near a measured depth
 MET = np.float32(0.004)  # metres; a smaller distance is on the surface
@@ -23,9 +24,11 @@ FREE_SHARE = np.float32(0.01)
 MAX_BLIND = np.float32(0.1)  # metres of unknown space behind a surface, after which a ray ends
 
 
-@njit(cache=True, error_model="numpy")
+@njit(parallel=True, cache=True, error_model="numpy")
 def fuse(rays_o, rays_d, depth, origin, voxel, truncation, carve_every, total, count):
     """Add the truncated signed distances of measured rays to the voxels that they cross.
+
+    Threads take slabs of the grid. So every voxel adds its rays in their order, whatever the number of threads.
 
     Args:
         rays_o, rays_d: (N, 3) float32, unit directions.
@@ -37,29 +40,37 @@ def fuse(rays_o, rays_d, depth, origin, voxel, truncation, carve_every, total, c
         count: (X, Y, Z) float32 number of rays, added to.
     """
     step, half = np.float32(0.75) * voxel, np.float32(0.5)
-    for n in range(rays_o.shape[0]):
-        t = ZERO if n % carve_every == 0 else max(depth[n] - truncation, ZERO)
-        last_i, last_j, last_k = -1, -1, -1
-        while t <= depth[n] + truncation:
-            i = int((rays_o[n, 0] + t * rays_d[n, 0] - origin[0]) / voxel)
-            j = int((rays_o[n, 1] + t * rays_d[n, 1] - origin[1]) / voxel)
-            k = int((rays_o[n, 2] + t * rays_d[n, 2] - origin[2]) / voxel)
-            t += step
-            if i == last_i and j == last_j and k == last_k:
+    nx, ny, nz = total.shape
+    for slab in prange(SLABS):
+        first, end = slab * nx // SLABS, (slab + 1) * nx // SLABS
+        low, high = origin[0] + np.float32(first - 1) * voxel, origin[0] + np.float32(end + 1) * voxel
+        for n in range(rays_o.shape[0]):
+            t = ZERO if n % carve_every == 0 else max(depth[n] - truncation, ZERO)
+            last_t = depth[n] + truncation
+            first_x, last_x = rays_o[n, 0] + t * rays_d[n, 0], rays_o[n, 0] + last_t * rays_d[n, 0]
+            if max(first_x, last_x) < low or min(first_x, last_x) > high:
                 continue
-            last_i, last_j, last_k = i, j, k
-            if i < 0 or j < 0 or k < 0 or i >= total.shape[0] or j >= total.shape[1] or k >= total.shape[2]:
-                continue
-            along = (origin[0] + (np.float32(i) + half) * voxel - rays_o[n, 0]) * rays_d[n, 0]
-            along += (origin[1] + (np.float32(j) + half) * voxel - rays_o[n, 1]) * rays_d[n, 1]
-            along += (origin[2] + (np.float32(k) + half) * voxel - rays_o[n, 2]) * rays_d[n, 2]
-            distance = depth[n] - along
-            if distance >= -truncation:
-                total[i, j, k] += min(distance, truncation)
-                count[i, j, k] += ONE
+            last_i, last_j, last_k = -1, -1, -1
+            while t <= last_t:
+                i = int((rays_o[n, 0] + t * rays_d[n, 0] - origin[0]) / voxel)
+                j = int((rays_o[n, 1] + t * rays_d[n, 1] - origin[1]) / voxel)
+                k = int((rays_o[n, 2] + t * rays_d[n, 2] - origin[2]) / voxel)
+                t += step
+                if i < first or i >= end or (i == last_i and j == last_j and k == last_k):
+                    continue
+                last_i, last_j, last_k = i, j, k
+                if j < 0 or k < 0 or j >= ny or k >= nz:
+                    continue
+                along = (origin[0] + (np.float32(i) + half) * voxel - rays_o[n, 0]) * rays_d[n, 0]
+                along += (origin[1] + (np.float32(j) + half) * voxel - rays_o[n, 1]) * rays_d[n, 1]
+                along += (origin[2] + (np.float32(k) + half) * voxel - rays_o[n, 2]) * rays_d[n, 2]
+                distance = depth[n] - along
+                if distance >= -truncation:
+                    total[i, j, k] += min(distance, truncation)
+                    count[i, j, k] += ONE
 
 
-@njit(cache=True, error_model="numpy")
+@njit(parallel=True, cache=True, error_model="numpy")
 def finish(total, count, voxel, truncation, grid):
     """Write the (X, Y, Z) int16 distance grid of fused distances.
 
@@ -68,7 +79,7 @@ def finish(total, count, voxel, truncation, grid):
     """
     nx, ny, nz = grid.shape
     limit, side = int(np.rint(truncation / MILLIMETRE)), int(np.rint(voxel / MILLIMETRE))
-    for i in range(nx):
+    for i in prange(nx):
         for j in range(ny):
             for k in range(nz):
                 value = int(UNKNOWN)
@@ -77,28 +88,39 @@ def finish(total, count, voxel, truncation, grid):
                     if value >= limit - 1:
                         value = int(UNKNOWN) - 1  # free, distance not known yet
                 grid[i, j, k] = value
-    for sweep in range(2):
-        sign = 1 if sweep == 0 else -1
-        for ii in range(nx):
-            i = ii if sweep == 0 else nx - 1 - ii
-            for jj in range(ny):
-                j = jj if sweep == 0 else ny - 1 - jj
-                for kk in range(nz):
-                    k = kk if sweep == 0 else nz - 1 - kk
-                    if grid[i, j, k] < limit or grid[i, j, k] == UNKNOWN:
-                        continue
-                    nearest = int(grid[i, j, k])
-                    for number in range(13):
-                        a = i + sign * (number // 9 - 1)
-                        b = j + sign * (number // 3 % 3 - 1)
-                        c = k + sign * (number % 3 - 1)
-                        around = limit - side
-                        if 0 <= a < nx and 0 <= b < ny and 0 <= c < nz:
-                            neighbour = int(grid[a, b, c])
-                            if limit <= neighbour < UNKNOWN:
-                                around = neighbour
-                        nearest = min(nearest, around + side)
-                    grid[i, j, k] = max(nearest, limit)
+    _sweep(grid, limit, side, 1)
+    _sweep(grid, limit, side, -1)
+
+
+@njit(cache=True, error_model="numpy")
+def _sweep(grid, limit, side, sign):
+    """Bound the distances of free voxels by those of the 13 neighbours that come before them in one direction."""
+    nx, ny, nz = grid.shape
+    for ii in range(nx):
+        i = ii if sign > 0 else nx - 1 - ii
+        for jj in range(ny):
+            j = jj if sign > 0 else ny - 1 - jj
+            for kk in range(nz):
+                k = kk if sign > 0 else nz - 1 - kk
+                nearest = int(grid[i, j, k])
+                if nearest < limit or nearest == UNKNOWN:
+                    continue
+                if 0 < i < nx - 1 and 0 < j < ny - 1 and 0 < k < nz - 1:
+                    for b in range(-1, 2):
+                        for c in range(-1, 2):
+                            nearest = min(nearest, _one_farther(grid[i - sign, j + b, k + c], limit, side))
+                    for c in range(-1, 2):
+                        nearest = min(nearest, _one_farther(grid[i, j - sign, k + c], limit, side))
+                    nearest = min(nearest, _one_farther(grid[i, j, k - sign], limit, side))
+                else:
+                    nearest = limit
+                grid[i, j, k] = max(nearest, limit)
+
+
+@njit(inline="always")
+def _one_farther(distance, limit, side):
+    """Return the distance of a voxel beside a free one; the limit beside one that is not free."""
+    return int(distance) + side if limit <= distance < UNKNOWN else limit
 
 
 @njit(inline="always")
