@@ -194,7 +194,7 @@ def train_policy(
             "network": settings.network,
             "frames": session.frames,
             "hours": round((session.seconds + time.perf_counter() - started) / 3600, 3),
-            "settings": fingerprint,
+            "settings": fingerprint | {"frames": settings.frames},  # a training can be continued with more
             "probe": probe(network, make),
             "curve": session.curve,
         },

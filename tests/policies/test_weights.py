@@ -69,7 +69,8 @@ def test_built_in_weights_are_small_and_have_complete_metadata(path):
     assert meta["command"].startswith(f"autonerf-lab train-policy --policy {meta['policy']} --frames ")
     assert meta["frames"] >= 500_000 and meta["hours"] > 0 and meta["seed"] is not None
     assert all(row["frames"] > 0 and np.isfinite(row["reward"]) for row in meta["curve"])
-    today = asdict(settings_of(meta["policy"], frames=0, seed=meta["seed"]))  # as the command has them now
+    today = asdict(settings_of(meta["policy"], frames=meta["settings"]["frames"], seed=meta["seed"]))  # as they are now
+    assert f" --frames {today['frames']} " in meta["command"] and today["frames"] <= meta["frames"]
     assert json.loads(json.dumps(today)) == {name: meta["settings"][name] for name in today}
     assert any(np.abs(array.astype(np.float32)).max() > 0 for array in load_file(path).values())
     if path in EXPLORING:
