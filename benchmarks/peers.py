@@ -137,7 +137,7 @@ def main() -> None:
         scores = f"{row['psnr']:>8.2f}{row['ssim']:>8.3f}{100 * row['depth_median_error_m']:>11.2f} cm"
         print(f"{row['method']:<44}{row['seconds']:>9.1f}{row['step']:>8}{scores}")
     write_csv(options.out / "peers.csv", rows)
-    machine = {"scene": options.scene, "threads": options.threads, **versions}
+    machine = {"scene": options.scene, "threads": options.threads, "views": options.views, **versions}
     plot(rows, f"{options.scene}: {options.views} views, {options.threads} threads", options.out / "peers.png")
     text = json.dumps({**machine, "rows": rows})
     (options.out / "peers.json").write_text(text + "\n")
