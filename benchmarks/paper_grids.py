@@ -29,6 +29,7 @@ from autonerf_lab.scenes import scene_names
 
 TRAINED = Path(__file__).parent / "policy_training"
 IMITATIONS = tuple(str(TRAINED / f"{policy}-imitation.safetensors") for policy in MODULAR)
+FROM_SCRATCH = tuple(str(TRAINED / f"{policy}-scratch.safetensors") for policy in MODULAR)
 FIELD = Grid((OURS,), ("test",), 1)
 NOISE = replace(FIELD, noise="ans", depth_noise="redwood")
 
@@ -38,6 +39,7 @@ GRIDS = {
     "test/policies": Grid(
         (*(name for name in PAPER_POLICIES if name != OURS), "paper-obs", *IMITATIONS, "oracle-obs"), ("test",), 1
     ),
+    "test/policies-from-scratch": Grid(FROM_SCRATCH, ("test",), 1),
     "test/with-estimated-poses": replace(NOISE, poses="estimated"),
     "test/with-odometry": replace(NOISE, poses="odometry"),
     "test/with-other-models": replace(
