@@ -1,4 +1,4 @@
-"""Tables of conditions: noise, pose sources and predicted semantics beside the paper."""
+"""Tables of conditions: noise, pose sources, predicted semantics, and tasks in the mesh and in the true scene."""
 
 import json
 from dataclasses import replace
@@ -6,12 +6,13 @@ from dataclasses import replace
 import pytest
 from fake_results import GRID, MODEL, folder
 
-from autonerf_lab.benchmark import Grid
+from autonerf_lab.benchmark import Grid, Outcome, Results
 from autonerf_lab.benchmark.grid import CONDITIONS
 from autonerf_lab.benchmark.paper_tables import table
 from autonerf_lab.benchmark.results import load_results, open_results
 from autonerf_lab.benchmark.results_table import load_results_table, scores_frame
 from autonerf_lab.errors import DataError, RunFolderError, UnknownNameError
+from autonerf_lab.types import Score
 
 
 def test_noise_and_pose_source_have_rows_of_their_own(tmp_path):
@@ -81,3 +82,40 @@ def test_predicted_semantics_are_a_row_of_their_own_beside_the_paper(tmp_path):
     assert replace(grid, semantics="true").checked().semantics is None
     with pytest.raises(UnknownNameError, match="unknown segmenter 'best'"):
         replace(grid, semantics="best").checked()
+
+
+def test_scores_in_the_mesh_and_in_the_true_scene_are_compared_within_a_cell(tmp_path):
+    results = Results(tmp_path, GRID)
+    for k, cell in enumerate(GRID.cells()):
+        scores = Score("navigation", "success", 80.0), Score("navigation", "success_true_mesh", 90.0 + k % 3)
+        results.write(Outcome(cell, "ok", scores if cell.policy == "modular-obs" else (), {}))
+    made = table("navigation", load_results_table(results))
+    assert made.header[-2:] == (
+        "Success in the mesh − Success in the true scene",
+        "SPL in the mesh − SPL in the true scene",
+    )
+    (line,) = made.rows  # the policy without the task has none
+    assert line[0].text == "modular-obs"
+    assert [entry.text for entry in line[-2:]] == ["-11.0 ± 2.5, d -11.0", "–"] and line[-2].bold  # -10, -11, -12
+    assert {entry.text for entry in line[1:] if entry.text[0].isalpha()} == set(), "not measured is not null"
+
+
+def test_fine_tuning_is_compared_with_the_pretrained_policy(tmp_path):
+    results = Results(tmp_path, GRID)
+    values = {"pretrained": (90.0, 70.0), "finetuned": (91.0, 74.0), "finetuned_true_mesh": (95.0, 80.0)}
+    for cell in GRID.cells():
+        scores = [
+            Score("finetuning", f"{score}_{stage}", pair[k])
+            for stage, pair in values.items()
+            for k, score in enumerate(("success", "spl"))
+        ]
+        results.write(Outcome(cell, "ok", tuple(scores), {}))
+    made = table("finetuning", load_results_table(results))
+    entries = zip(made.header, made.rows[0], strict=True)
+    shown = {title: entry.text.split()[0] for title, entry in entries if "−" in title}
+    assert shown == {
+        "Success, fine-tuned in the mesh − Success, pre-trained": "+1.0",
+        "SPL, fine-tuned in the mesh − SPL, pre-trained": "+4.0",
+        "Success, fine-tuned in the true scene − Success, pre-trained": "+5.0",
+        "SPL, fine-tuned in the true scene − SPL, pre-trained": "+10.0",
+    }

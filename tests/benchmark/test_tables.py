@@ -180,42 +180,6 @@ def test_each_reference_has_a_family_of_its_own(tmp_path):
     assert made.rows[0][1] == Entry("+1.40 ± 1.14, d 3.1", bold=True)
 
 
-def test_scores_in_the_mesh_and_in_the_true_scene_are_compared_within_a_cell(tmp_path):
-    results = Results(tmp_path, GRID)
-    for k, cell in enumerate(GRID.cells()):
-        scores = Score("navigation", "success", 80.0), Score("navigation", "success_true_mesh", 90.0 + k % 3)
-        results.write(Outcome(cell, "ok", scores if cell.policy == "modular-obs" else (), {}))
-    made = table("navigation", load_results_table(results))
-    assert made.header[-2:] == (
-        "Success in the mesh − Success in the true scene",
-        "SPL in the mesh − SPL in the true scene",
-    )
-    (line,) = made.rows  # the policy without the task has none
-    assert line[0].text == "modular-obs"
-    assert [entry.text for entry in line[-2:]] == ["-11.0 ± 2.5, d -11.0", "–"] and line[-2].bold  # -10, -11, -12
-    assert {entry.text for entry in line[1:] if entry.text[0].isalpha()} == set(), "not measured is not null"
-
-
-def test_fine_tuning_is_compared_with_the_pretrained_policy(tmp_path):
-    results = Results(tmp_path, GRID)
-    values = {"pretrained": (90.0, 70.0), "finetuned": (91.0, 74.0), "finetuned_true_mesh": (95.0, 80.0)}
-    for cell in GRID.cells():
-        scores = [
-            Score("finetuning", f"{score}_{stage}", pair[k])
-            for stage, pair in values.items()
-            for k, score in enumerate(("success", "spl"))
-        ]
-        results.write(Outcome(cell, "ok", tuple(scores), {}))
-    made = table("finetuning", load_results_table(results))
-    shown = {title: entry.text.split()[0] for title, entry in entries(made, 0).items() if "−" in title}
-    assert shown == {
-        "Success, fine-tuned in the mesh − Success, pre-trained": "+1.0",
-        "SPL, fine-tuned in the mesh − SPL, pre-trained": "+4.0",
-        "Success, fine-tuned in the true scene − Success, pre-trained": "+5.0",
-        "SPL, fine-tuned in the true scene − SPL, pre-trained": "+10.0",
-    }
-
-
 def test_the_true_geometry_is_the_last_row(tmp_path):
     grid = replace(GRID, policies=("frontier", "modular-obs"), baselines=True)
     results = Results(tmp_path, grid)
