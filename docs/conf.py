@@ -34,6 +34,7 @@ PAGES = {
     "committed_grid": "benchmarks/results/README.md",
     "committed_tables": "benchmarks/results/val-0.1/tables.md",
     "house_tables": "benchmarks/results/houses/tables.md",
+    "finetuning_tables": "benchmarks/results/finetuning/tables.md",
     "test_models": "benchmarks/results/test-models/tables.md",
     "test_tables": "benchmarks/results/test/tables.md",
     "contributing": "CONTRIBUTING.md",
