@@ -192,7 +192,6 @@ Padding is the weight that is added to every bin of a proposal in resampling: {B
 Trained on {options.views} views of 128×128, uniform over the scene; evaluated on {options.test_views} test views.
 Values are means over {", ".join(options.scenes)}, each with seed {" and ".join(seeds)}.{differences}
 The time of a step is measured in turns with the base, both after an eighth of their training.
-Other programs disturbed it: rows that change hardly any work have 0.81 (padding 0.0094) to 1.29 (no rays by class).
 
 {table(results)}
 """

@@ -9,7 +9,7 @@ from autonerf_lab.benchmark.grid import is_path, label
 from autonerf_lab.benchmark.paper_tables import REFERENCES
 from autonerf_lab.benchmark.results import Results
 from autonerf_lab.benchmark.results_table import ResultsTable, Row
-from autonerf_lab.benchmark.table_entries import difference_entry, spread
+from autonerf_lab.benchmark.table_entries import difference_entry, published_entry, spread
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
 from autonerf_lab.errors import DataError
 from autonerf_lab.version import __version__
@@ -49,16 +49,16 @@ def card(found: ResultsTable, row: Row, folders: Sequence[Results]) -> str:
     )
     header = ("", "score", f"minus {reference[0]}" if reference else "difference", "paper")
     rows = []
+    published = paper.published_scores(row, found.rows)
     for metric in paper.HEADLINES:
         mean = found.interval(row, metric.key)
         apart = found.difference(row, reference, metric.key) if reference else None
-        published = paper.published_scores(row, found.rows).get(metric.key)
         rows.append(
             (
                 Entry(metric.full_heading),
                 Entry(NO_VALUE if mean is None else spread(mean, metric)),
                 difference_entry(apart, metric),
-                Entry(NO_VALUE if published is None else metric.format(published)),
+                published_entry(published, metric),
             )
         )
     title = (

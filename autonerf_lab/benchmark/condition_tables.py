@@ -8,11 +8,12 @@ from autonerf_lab.benchmark.results_table import ResultsTable, Row
 from autonerf_lab.benchmark.table_entries import (
     CORRECTED,
     OURS,
-    corrected_entries,
+    difference_rows,
     measured,
     ours,
     plain_rows,
     power,
+    published_entry,
     score_text,
     strictly_plain,
 )
@@ -40,16 +41,14 @@ def _conditions(
     made = [
         (found.difference(row, first.row, metric.key), metric) for metric in metrics for _, row in compared if first.row
     ]
-    differences = iter(corrected_entries(made))
     lines = []
-    for metric in metrics:
+    for metric, differences in zip(metrics, difference_rows(made, len(metrics)), strict=True):
         line = [Entry(metric.full_heading)]
         for column in columns:
             line.append(Entry(NO_VALUE if column.row is None else score_text(found, column.row, metric)))
             if column.published is not None:
-                value = column.published.get(metric.key)
-                line.append(Entry(NO_VALUE if value is None else metric.format(value)))
-        lines.append((*line, *(next(differences) for _ in compared)))
+                line.append(published_entry(column.published, metric))
+        lines.append((*line, *differences))
     shown = next((column.row[0] for column in columns if column.row), OURS)
     header = [shown]
     for column in columns:
@@ -71,10 +70,8 @@ def baselines(found: ResultsTable) -> Table:
     lines = []
     metrics, absent = measured(found, (*paper.RENDERING, *paper.MAPS, *paper.PLANNING, *paper.POSE, *paper.MESH))
     for metric in metrics:
-        published = paper.BY_POLICY[OURS].get(metric.key)
-        texts = [score_text(table, row, metric) for table in columns.values()]
-        texts.append(NO_VALUE if published is None else metric.format(published))
-        lines.append((Entry(metric.full_heading), *map(Entry, texts)))
+        scores = [Entry(score_text(table, row, metric)) for table in columns.values()]
+        lines.append((Entry(metric.full_heading), *scores, published_entry(paper.BY_POLICY[OURS], metric)))
     names = [f"{name.replace('_', ' ')}: {text}" for name, text in BASELINES.items() if name in columns]
     note = "Not measured in these cells. Add them with --baselines."
     if names:

@@ -12,10 +12,11 @@ from autonerf_lab.benchmark.table_entries import (
     CORRECTED,
     OURS,
     Family,
-    corrected_entries,
+    difference_rows,
     measured,
     plain_rows,
     power,
+    published_entry,
     score_text,
 )
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry, Table
@@ -84,8 +85,8 @@ class _Policies:
 
     def _with_differences(self, found: ResultsTable, made: Table, rows: Sequence[Row]) -> Table:
         family = [(found.score_difference(row, a.key, b.key), a) for row in rows for a, b in self.pairs]
-        names = [line[0].text for line in made.rows]
-        lines = [(*line, *added) for line, (_, *added) in zip(made.rows, _lines(names, family), strict=True)]
+        added = difference_rows(family, len(rows))
+        lines = [(*line, *differences) for line, differences in zip(made.rows, added, strict=True)]
         header = (*made.header, *(f"{a.label} − {b.label}" for a, b in self.pairs))
         note = f"Differences are those within a cell; d: effect size; {CORRECTED.format(family='of the table')}."
         note = " ".join(filter(None, (made.note, note, power([family]))))
@@ -115,8 +116,7 @@ def _means(
         for metric in metrics:
             line.append(Entry(score_text(found, row, metric), bold=best[metric] == row))
             if metric in beside:
-                value = published[row].get(metric.key)
-                line.append(Entry(NO_VALUE if value is None else metric.format(value)))
+                line.append(published_entry(published[row], metric))
         lines.append(tuple(line))
     filled = any(found.runs(row, metric.key) for row, _ in rows for metric in metrics)
     note = absent if filled or absent else f"Not measured in these cells. {hint}".strip()
@@ -137,9 +137,9 @@ def _variants(found: ResultsTable) -> Table:
     shown = [metric for metric in metrics if metric.heading in made.header]
     family = [(found.difference(row, first, metric.key), metric) for row in others for metric in shown]
     lines = []
-    for text, *differences in _lines([f"{row[1]} − {first[1]}, {policy}" for row in others], family):
+    for row, differences in zip(others, difference_rows(family, len(others)), strict=True):
         # the column "paper" has no values here: the paper has no paired differences
-        entries = iter(differences)
+        entries, text = iter(differences), Entry(f"{row[1]} − {first[1]}, {policy}")
         lines.append((text, *(Entry(NO_VALUE) if title == "paper" else next(entries) for title in made.header[1:])))
     return replace(made, rows=(*made.rows, *lines), note=f"{made.note} {power([family])}".strip())
 
@@ -169,20 +169,13 @@ def _differences(found: ResultsTable) -> Table:
         pairs = [(row, other) for row, other in group if other in found.episodes and (other, row) not in done]
         done.update(pairs)
         families.append([(found.difference(*pair, metric.key), metric) for pair in pairs for metric in paper.HEADLINES])
-        names = [f"{row[0]} − {other[0]}" + several * f", {row[1]}" for row, other in pairs]
-        lines += _lines(names, families[-1])
+        for (row, other), entries in zip(pairs, difference_rows(families[-1], len(pairs)), strict=True):
+            lines.append((Entry(f"{row[0]} − {other[0]}" + several * f", {row[1]}"), *entries))
     note = power(families) if lines else "No frontier, random, end-to-end or second modular policy to compare with."
     header = ("", *(metric.heading for metric in paper.HEADLINES))
     corrected = CORRECTED.format(family="from the same policy, from all imitations, or among modular policies")
     title = f"Differences paired by scene and start; d: effect size; {corrected}"
     return Table("differences", title, header, tuple(lines), note)
-
-
-def _lines(names: Sequence[str], family: Family) -> list[tuple[Entry, ...]]:
-    """Return one line per name, of differences that Holm's correction takes together."""
-    entries = corrected_entries(family)
-    size = len(family) // len(names) if names else 0
-    return [(Entry(name), *entries[k * size : (k + 1) * size]) for k, name in enumerate(names)]
 
 
 TABLES: dict[str, Callable[[ResultsTable], Table]] = {

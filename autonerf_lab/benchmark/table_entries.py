@@ -1,6 +1,6 @@
 """Entries of the paper's tables: means, paired differences after Holm's correction, and their statistical power."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import nan
 from statistics import median
 
@@ -10,7 +10,7 @@ from autonerf_lab.benchmark.paper import HEADLINES
 from autonerf_lab.benchmark.results_table import ResultsTable, Row
 from autonerf_lab.benchmark.statistics import POWER, Interval, holm
 from autonerf_lab.benchmark.text_table import NO_VALUE, Entry
-from autonerf_lab.evaluators.metrics import Metric
+from autonerf_lab.evaluators.metrics import Key, Metric
 
 SIGNIFICANT = 0.05  # p-value
 SHOWN_NULLS = 0.05  # a larger share of cells without a value is printed in the table
@@ -77,14 +77,21 @@ def difference_entry(found: Interval | None, metric: Metric) -> Entry:
     return Entry(sign + spread(found, metric), bold=found.excludes_zero)
 
 
-def corrected_entries(family: Family) -> list[Entry]:
-    """Format differences with effect sizes; bold after Holm's correction over all of them."""
+def difference_rows(family: Family, count: int) -> list[tuple[Entry, ...]]:
+    """Format differences with effect sizes, in equal rows; bold after Holm's correction over all of them."""
     adjusted = holm([nan if d is None else d.p_value for d, _ in family])
     entries = []
     for (d, metric), p in zip(family, adjusted, strict=True):
         effect = f", d {d.effect_size:.1f}" if d is not None and np.isfinite(d.effect_size) else ""
         entries.append(Entry(difference_entry(d, metric).text + effect, bold=p < SIGNIFICANT))
-    return entries
+    size = len(entries) // count if count else 0
+    return [tuple(entries[k * size : (k + 1) * size]) for k in range(count)]
+
+
+def published_entry(values: Mapping[Key, float], metric: Metric) -> Entry:
+    """Format the value of the paper for a metric, if it has one."""
+    value = values.get(metric.key)
+    return Entry(NO_VALUE if value is None else metric.format(value))
 
 
 def power(families: Iterable[Family]) -> str:
