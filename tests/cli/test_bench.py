@@ -128,7 +128,7 @@ def test_report_is_self_contained(results, capsys):
     page = path.read_text()
     for part in ("leaderboard", "figures", "tables", "cells", "rendering", "differences"):
         assert f'id="{part}"' in page
-    assert 'id="noise"' not in page and "No table noise: With noise: not measured" in page
+    assert 'id="noise"' not in page and "No table noise: Not measured: the cells are without noise. Add cells" in page
     assert page.count("data:image/png") == 2
     links = re.findall(r'(?:src|href)="(?!data:|#)([^"]*)', page)
     assert {link.partition("/")[0] for link in links} == {"cells", "cards"}
