@@ -26,6 +26,7 @@ from autonerf_lab.evaluators.metrics import Key, Metric
 REFERENCES = ("frontier-classic", "frontier", "random")
 BOUNDS = "oracle-"  # policies that know the scene: not compared with the others
 _IMITATION = "-imitation"  # ends the name of the policy that another one started from
+_SCRATCH = "-scratch"  # ends the name of the same policy without imitation
 
 
 def table(name: str, found: ResultsTable) -> Table:
@@ -148,7 +149,7 @@ def _differences(found: ResultsTable) -> Table:
     plain = plain_rows(found)
     several = len({model for _, model in plain}) > 1
     rows = [row for row in plain if row[0] != "random" and not row[0].startswith(BOUNDS)]
-    trained = [row for row in rows if not row[0].endswith(_IMITATION)]
+    trained = [row for row in rows if not row[0].endswith((_IMITATION, _SCRATCH))]
     references = (*REFERENCES, *dict.fromkeys(policy for policy, _ in plain if policy.startswith("e2e-")))
     groups = [
         [
@@ -159,6 +160,9 @@ def _differences(found: ResultsTable) -> Table:
         for reference in references
     ]
     groups.append([(row, (f"{row[0]}{_IMITATION}", row[1])) for row in rows])  # what PPO adds to the demonstrations
+    scratch = [(row, (f"{row[0]}{_SCRATCH}", row[1])) for row in trained]  # what imitation adds to PPO
+    rivals = [(row, (name, row[1])) for _, row in scratch for name in REFERENCES[:2] if row in found.episodes]
+    groups.append(scratch + rivals)
     modular = [row for row in trained if row[0].startswith("modular-")]
     groups.append([(row, other) for row, other in combinations(modular, 2) if row[1] == other[1]])  # rewards
     done: set[tuple[Row, Row]] = set()
@@ -173,7 +177,8 @@ def _differences(found: ResultsTable) -> Table:
             lines.append((Entry(f"{row[0]} − {other[0]}" + several * f", {row[1]}"), *entries))
     note = power(families) if lines else "No frontier, random, end-to-end or second modular policy to compare with."
     header = ("", *(metric.heading for metric in paper.HEADLINES))
-    corrected = CORRECTED.format(family="from the same policy, from all imitations, or among modular policies")
+    family = "from the same policy, from all imitations, of policies from scratch, or among modular policies"
+    corrected = CORRECTED.format(family=family)
     title = f"Differences paired by scene and start; d: effect size; {corrected}"
     return Table("differences", title, header, tuple(lines), note)
 

@@ -125,6 +125,19 @@ def test_a_policy_is_compared_with_the_imitation_that_it_started_from(tmp_path):
     assert made.rows[0][1].text.startswith("+2.00 ± 0.00")
 
 
+def test_a_policy_from_scratch_is_compared_with_its_twin_and_with_frontier_policies_only(tmp_path):
+    grid = replace(GRID, policies=("frontier", "modular-obs", "modular-view", "runs/modular-obs-scratch.safetensors"))
+    values = {name: [k + 1.0, k + 2.0, k + 3.0] for k, name in enumerate(grid.policies)}
+    made = table("differences", load_results_table(folder(tmp_path, values, grid)))
+    assert [row[0].text for row in made.rows] == [
+        "modular-obs − frontier",
+        "modular-view − frontier",
+        "modular-obs − modular-obs-scratch",
+        "modular-obs-scratch − frontier",
+        "modular-obs − modular-view",
+    ]
+
+
 def test_variants_are_compared_with_each_other_only_and_paired(tmp_path):
     grid = Grid(("frontier", "modular-obs"), GRID.scenes, 1, (MODEL, "instant-ngp"), "smoke")
     results = Results(tmp_path, grid)
