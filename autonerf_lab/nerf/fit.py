@@ -174,7 +174,8 @@ def prepare(
     if model.pose_offsets is not None:
         planar = settings.refine_planar
         model.pose_offsets.planar = is_planar(data.poses) if planar is None else planar
-    pixels = PixelSampler(data, frame, settings.label_distance)
+    shares = (settings.rays_by_class, settings.rays_by_contrast, settings.rays_on_planes)
+    pixels = PixelSampler(data, frame, settings.label_distance, *shares)
     if isinstance(model.sampler, DepthGuidedSampler):
         model.sampler.observe(pixels)
     return TrainingState(model, Adam(model.parameters), rng), pixels
@@ -292,8 +293,7 @@ def train_step(state: TrainingState, pixels: PixelSampler, share: float) -> None
     if state.step % SNAPSHOT_EVERY == 0 and not state.failures:
         state.take_snapshot()
     model.set_progress(share)
-    settings = model.settings
-    chosen = pixels.sample(settings.rays, state.rng, settings.rays_by_class, settings.rays_on_planes)
+    chosen = pixels.sample(model.settings.rays, state.rng)
     rays = pixels.rays(chosen)
     gradients, losses = model.train_step(rays, pixels.targets(chosen), state.rng)
     broken = [name for name, value in losses.items() if not np.isfinite(value)]

@@ -1,6 +1,6 @@
 """Random training pixels of a dataset, without the masked ones, as rays and targets in the coordinates of the field."""
 
-from functools import cached_property
+from collections.abc import Callable
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from autonerf_lab.errors import DataError
 from autonerf_lab.geometry import Intrinsics
 from autonerf_lab.nerf.field_frame import FieldFrame
 from autonerf_lab.nerf.ray_batch import NO_DEPTH, NO_LABEL, Rays, Targets
+
+FLAT = 2  # of 255: added to the contrast of pixels, so that those without contrast are sampled, too
 
 
 class PixelSampler:
@@ -19,9 +21,22 @@ class PixelSampler:
         frame: conversion to the coordinates of the field.
         label_distance: the weight of a label is its confidence times min(1, (label_distance / depth)²), because a
             segmenter sees more of what is near; in the unit of the measured depth images. 0: its confidence.
+        by_class: share of the sampled pixels that is drawn by class, with class probabilities proportional to the
+            square root of their pixel counts, so that small objects are seen often enough.
+        by_contrast: share that is drawn with a probability that grows with the contrast to the neighbours, because
+            the gradients of colours vary most at edges.
+        on_planes: share that is drawn from the pixels of :meth:`learn_planes`, if there are any. The rest is uniform.
     """
 
-    def __init__(self, data: Dataset, frame: FieldFrame, label_distance: float = 0.0) -> None:
+    def __init__(
+        self,
+        data: Dataset,
+        frame: FieldFrame,
+        label_distance: float = 0.0,
+        by_class: float = 0.0,
+        by_contrast: float = 0.0,
+        on_planes: float = 0.0,
+    ) -> None:
         self.names, self.frame = data.names, frame
         self.poses = frame.poses_to_field(data.poses).astype(np.float32)
         sizes = [image.shape[0] * image.shape[1] for image in data.images]
@@ -30,10 +45,17 @@ class PixelSampler:
         self.labels = _flat(data.semantics)
         self.depth = _flat(data.depths)
         self._confidence = _flat(data.confidences)
-        self._label_distance = label_distance
-        self._planar = np.zeros(0, np.int64)  # pixels that show planes of the field
+        self._label_distance, self._on_planes = label_distance, on_planes
         used = _flat(data.masks)
         self._used = None if used is None else np.flatnonzero(used)  # pixels that may be sampled; None: all
+        self._strata: dict[str, _Stratum] = {}
+        if by_class and self.labels is not None:
+            self._strata["class"] = _Stratum(by_class, self.labels, self._used, np.sqrt)
+        if by_contrast:
+            contrast = np.concatenate([_contrast(image).reshape(-1) for image in data.images])
+            self._strata["contrast"] = _Stratum(
+                by_contrast, contrast, self._used, lambda sizes: sizes * (FLAT + np.arange(len(sizes)))
+            )
         self._width = np.array([camera.width for camera in data.intrinsics])
         self._focal = np.array([(camera.fl_x, camera.fl_y) for camera in data.intrinsics])
         self._center = np.array([(camera.cx, camera.cy) for camera in data.intrinsics])
@@ -54,29 +76,12 @@ class PixelSampler:
         """Return the number of pixels."""
         return len(self.rgb)
 
-    def sample(self, count: int, rng: np.random.Generator, by_class: float = 0.0, on_planes: float = 0.0) -> np.ndarray:
-        """Sample pixels with replacement.
-
-        Args:
-            count: number of pixels.
-            rng: source of randomness.
-            by_class: share of the pixels that is sampled by class, with class probabilities proportional to the square
-                root of their pixel counts, so that small objects are seen often enough; the rest is uniform.
-            on_planes: share of the pixels that is sampled from those of :meth:`learn_planes`, if there are any.
-
-        Returns:
-            (count,) int64 pixel indices.
-        """
-        some = round(by_class * count) if self.labels is not None else 0
-        pixels = rng.integers(len(self) if self._used is None else len(self._used), size=count)
-        pixels = pixels if self._used is None else self._used[pixels]
-        if some:
-            by_label, sizes, first, chances = self._classes
-            classes = np.searchsorted(chances, rng.random(some), side="right")
-            pixels[:some] = by_label[first[classes] + (rng.random(some) * sizes[classes]).astype(np.int64)]
-        if (some := round(on_planes * count)) and len(self._planar):
-            pixels[-some:] = self._planar[rng.integers(len(self._planar), size=some)]
-        return pixels
+    def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Sample (count,) int64 pixel indices with replacement."""
+        parts = [stratum.sample(int(stratum.share * count), rng) for stratum in self._strata.values()]
+        rest = count - sum(len(part) for part in parts)
+        pixels = rng.integers(len(self) if self._used is None else len(self._used), size=rest)
+        return np.concatenate([*parts, pixels if self._used is None else self._used[pixels]])
 
     def learn_planes(self, pixels: np.ndarray, depth: np.ndarray) -> None:
         """Set the depth of (N,) pixels that show planes of the field, see :mod:`~autonerf_lab.nerf.planes`.
@@ -89,7 +94,9 @@ class PixelSampler:
         if self.depth is None:
             self.depth = np.full(len(self), NO_DEPTH, np.float32)
         self.depth[pixels] = depth
-        self._planar = pixels
+        if self._on_planes and len(pixels):
+            one_group = np.zeros(len(self), np.uint8)
+            self._strata["planes"] = _Stratum(self._on_planes, one_group, pixels, np.sqrt)
 
     def grid(self, views: int, per_view: int) -> np.ndarray:
         """Return (T, H, W) indices of a grid of pixels: at most ``views`` and ``per_view`` in each direction.
@@ -110,17 +117,6 @@ class PixelSampler:
         total = len(self) if self._used is None else len(self._used)
         chosen = np.linspace(0, total - 1, min(count, total)).round().astype(np.int64)
         return chosen if self._used is None else self._used[chosen]
-
-    @cached_property
-    def _classes(self) -> tuple[np.ndarray, ...]:
-        """All pixels sorted by label; for each class: number of pixels, first pixel, cumulative probability."""
-        assert self.labels is not None
-        labels = self.labels if self._used is None else self.labels[self._used]
-        sizes = np.bincount(labels)
-        chances = np.cumsum(np.sqrt(sizes))
-        order: np.ndarray = np.argsort(labels, kind="stable").astype(np.int32)
-        by_label = order if self._used is None else self._used[order]
-        return by_label, sizes, np.cumsum(sizes) - sizes, chances / chances[-1]
 
     def rays(self, pixels: np.ndarray) -> Rays:
         """Return the rays of (R,) pixels, in the coordinates of the field."""
@@ -152,7 +148,15 @@ class PixelSampler:
             if trust is not None and self._label_distance:
                 trust *= self._share_of_near(measured)
             depth = measured * self.length(pixels) / np.float32(self.frame.unit)
-        return Targets(color, labels, depth, trust)
+        return Targets(color, labels, depth, trust, self._importance(pixels))
+
+    def _importance(self, pixels: np.ndarray) -> np.ndarray | None:
+        """Return (R,) float32 weights of the colour loss, which undo that edges are sampled more often; None: 1."""
+        stratum = self._strata.get("contrast")
+        if stratum is None:
+            return None
+        ratio = stratum.ratio[stratum.group[pixels]]
+        return (1 / (1 - stratum.share + stratum.share * ratio)).astype(np.float32)
 
     def length(self, pixels: np.ndarray) -> np.ndarray:
         """Return (R,) float32: the distance along the ray of each pixel at which the depth is 1."""
@@ -173,6 +177,45 @@ class PixelSampler:
         distorted = self._table[frames] >= 0
         directions[distorted, :2] = self._distorted[self._table[frames[distorted]] + inside[distorted]]
         return frames, directions
+
+
+class _Stratum:
+    """A share of the sampled pixels that is drawn in groups: first a group, then uniformly one of its pixels.
+
+    Args:
+        share: share of the sampled pixels.
+        group: (N,) group of each pixel, small integers.
+        used: indices of the pixels that may be sampled; None for all.
+        chances: returns the relative probabilities of the groups for their sizes.
+    """
+
+    def __init__(
+        self, share: float, group: np.ndarray, used: np.ndarray | None, chances: Callable[[np.ndarray], np.ndarray]
+    ) -> None:
+        self.share, self.group = share, group
+        among = group if used is None else group[used]
+        sizes = np.bincount(among)
+        chance = chances(sizes) / chances(sizes).sum()
+        self.ratio = chance * len(among) / np.maximum(sizes, 1)  # by group: probability / that in uniform sampling
+        order: np.ndarray = np.argsort(among, kind="stable").astype(np.int32)
+        self._pixels = order if used is None else used[order]
+        self._sizes, self._first = sizes, np.cumsum(sizes) - sizes
+        self._cumulative = np.cumsum(chance) / np.cumsum(chance)[-1]  # ends with 1, in spite of rounding
+
+    def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Sample (count,) pixel indices."""
+        groups = np.searchsorted(self._cumulative, rng.random(count), side="right")
+        inside = (rng.random(count) * self._sizes[groups]).astype(np.int64)
+        return self._pixels[self._first[groups] + inside]
+
+
+def _contrast(image: np.ndarray) -> np.ndarray:
+    """Return (H, W) uint8 sums of the differences in brightness to the right and lower neighbours of (H, W, 3)."""
+    brightness = image.sum(axis=2, dtype=np.int16) // 3
+    contrast = np.zeros_like(brightness)
+    contrast[:, :-1] += np.abs(np.diff(brightness, axis=1))
+    contrast[:-1] += np.abs(np.diff(brightness, axis=0))
+    return np.minimum(contrast, 255).astype(np.uint8)
 
 
 def _flat(layers: list[np.ndarray] | None) -> np.ndarray | None:

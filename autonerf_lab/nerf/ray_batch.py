@@ -40,6 +40,7 @@ class Targets:
     labels: np.ndarray  # (R,) int64 class index, NO_LABEL for none
     depth: np.ndarray  # (R,) float32, along the ray, NO_DEPTH for none
     trust: np.ndarray | None = None  # (R,) float32, weight of the label in the loss, its confidence; None: 1
+    importance: np.ndarray | None = None  # (R,) float32, weight of the squared colour error in the loss; None: 1
 
 
 @dataclass(frozen=True)

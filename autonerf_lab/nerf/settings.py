@@ -9,12 +9,14 @@ from autonerf_lab.errors import DataError
 MAX_COUNT = 1 << 24  # upper limit of every whole number, and of the entries of all hash levels together
 MAY_BE_ZERO = {
     *("near", "semantic_weight", "rays_by_class", "distortion_weight", "depth_weight", "floor_weight"),
-    *("rays_on_planes", "warmup", "averaged", "min_weight", "label_distance"),
+    *("rays_by_contrast", "rays_on_planes", "warmup", "averaged", "min_weight", "label_distance"),
     *("appearance", "interlevel_weight", "skip"),
 }
 APARTMENT = 160.0  # m² of explored area, above that of every apartment: settings for larger homes grow with the area
 FINEST, LONGEST = 1e-3, 20.0  # of fused distances, metres: they are stored in int16 millimetres
-SHARES = {"rays_by_class", "rays_on_planes", "warmup", "averaged", "min_weight", "decay"}  # at most 1
+SHARES = {  # at most 1
+    *("rays_by_class", "rays_by_contrast", "rays_on_planes", "warmup", "averaged", "min_weight", "decay"),
+}
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class Settings:
     semantic_weight: float = 0.02  # of the cross entropy; the colour loss has weight 1
     label_distance: float = 0.0  # metres; predicted labels beyond it count less, by the inverse square; 0: equally
     rays_by_class: float = 0.2  # share of rays sampled by class, so that small objects are seen often enough
+    rays_by_contrast: float = 0.0  # share of rays sampled by contrast, with importance weights
     distortion_weight: float = 0.002
     # Of the squared error of signed distances, per m²; depth images and ``label_distance`` are used if above 0.
     depth_weight: float = 0.0
@@ -59,6 +62,8 @@ class Settings:
             _check_value(entry.name, getattr(self, entry.name), entry.type)
         if not self.near < self.far:
             raise DataError(f"settings: near must be less than far, not {self.near} and {self.far}")
+        if (shares := self.rays_by_class + self.rays_by_contrast + self.rays_on_planes) > 1:
+            raise DataError(f"settings: rays_by_class + rays_by_contrast + rays_on_planes exceed 1: {shares:g}")
 
     @property
     def distance_weight(self) -> float:

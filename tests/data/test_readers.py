@@ -340,8 +340,8 @@ def test_only_unmasked_pixels_are_sampled_and_scored() -> None:
     labels = [np.arange(H * W, dtype=np.uint8).reshape(H, W) % 3] * T
     masks = [np.random.default_rng(t).random((H, W)) < 0.3 for t in range(T)]
     data = Dataset(POSES, list(RGB), [camera] * T, labels, None, [str(t) for t in range(T)], {}, True, masks)
-    sampler = PixelSampler(data, FieldFrame())
-    pixels = sampler.sample(4000, np.random.default_rng(0), by_class=0.5)
+    sampler = PixelSampler(data, FieldFrame(), by_class=0.5, by_contrast=0.3)
+    pixels = sampler.sample(4000, np.random.default_rng(0))
     assert np.concatenate([mask.ravel() for mask in masks])[pixels].all()
 
     class Grey:

@@ -49,7 +49,8 @@ def some_rays(seed: int = 1) -> tuple[Rays, Targets]:
     unit = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
     rays = Rays(rng.uniform(-1, 1, (RAYS, 3)).astype(np.float32), unit, rng.integers(3, size=RAYS))
     depth = rng.uniform(0.5, 5, RAYS).astype(np.float32) * (rng.random(RAYS) < 0.7)
-    return rays, Targets(rng.random((RAYS, 3), dtype=np.float32), rng.integers(-1, 16, RAYS), depth)
+    color, labels = rng.random((RAYS, 3), dtype=np.float32), rng.integers(-1, 16, RAYS)
+    return rays, Targets(color, labels, depth, importance=rng.uniform(0.2, 2, RAYS).astype(np.float32))
 
 
 @pytest.mark.parametrize(
@@ -286,7 +287,8 @@ def test_any_number_of_rays_is_accepted() -> None:
     rays, targets = some_rays()
     assert rays.frames is not None
     rays = Rays(rays.origins[:37], rays.directions[:37], rays.frames[:37])
-    targets = Targets(targets.color[:37], targets.labels[:37], targets.depth[:37])
+    assert targets.importance is not None
+    targets = Targets(targets.color[:37], targets.labels[:37], targets.depth[:37], importance=targets.importance[:37])
     expected_gradients, expected = reference.train_step(rays, targets, np.random.default_rng(5))
     gradients, losses = kernels.train_step(rays, targets, np.random.default_rng(5))
     for name, value in expected.items():

@@ -1,5 +1,7 @@
 """Sampling of training pixels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,12 +14,13 @@ from autonerf_lab.nerf.pixel_sampler import PixelSampler
 CAMERA = Intrinsics.from_fov(100, 101)
 
 
-def pixels_of(labels: np.ndarray | None) -> PixelSampler:
+def pixels_of(labels: np.ndarray | None, by_class: float = 0.0) -> PixelSampler:
     """Return a sampler of two images of 10,100 pixels; ``labels`` are those of the first, the second is all class 0."""
     poses = np.stack([planar_pose(0, 0, 0), planar_pose(1, 0, 0)])
     images = np.zeros((2, 101, 100, 3), np.uint8)
     semantics = None if labels is None else np.stack([labels, np.zeros_like(labels)])
-    return PixelSampler(Dataset.from_trajectory(Trajectory(poses, images, None, semantics, CAMERA)), FieldFrame())
+    data = Dataset.from_trajectory(Trajectory(poses, images, None, semantics, CAMERA))
+    return PixelSampler(data, FieldFrame(), by_class=by_class)
 
 
 @pytest.fixture
@@ -25,11 +28,11 @@ def rare() -> PixelSampler:
     """Class 0 has 20,100 pixels, class 3 has 100: the last row of the first image. Other classes are absent."""
     labels = np.zeros((101, 100), np.uint8)
     labels[100] = 3
-    return pixels_of(labels)
+    return pixels_of(labels, by_class=0.4)
 
 
 def test_a_share_of_the_batch_is_sampled_by_class(rare: PixelSampler) -> None:
-    sampled = rare.sample(200_000, np.random.default_rng(0), by_class=0.4)
+    sampled = rare.sample(200_000, np.random.default_rng(0))
     common, few = np.sqrt(20_100), np.sqrt(100)
     expected = 0.6 * 100 / 20_200 + 0.4 * few / (few + common)
     assert (rare.labels[sampled] == 3).mean() == pytest.approx(expected, rel=0.03)
@@ -37,10 +40,10 @@ def test_a_share_of_the_batch_is_sampled_by_class(rare: PixelSampler) -> None:
     assert len(counts) == 100 and counts.min() > 0.6 * counts.mean()  # uniform within the class
 
 
-def test_sampling_is_uniform_without_a_share_or_without_labels(rare: PixelSampler) -> None:
-    for pixels in (rare, pixels_of(None)):
-        share = 0.0 if pixels.labels is not None else 0.4
-        sampled = pixels.sample(200_000, np.random.default_rng(0), by_class=share)
+def test_sampling_is_uniform_without_a_share_or_without_labels() -> None:
+    for pixels in (pixels_of(np.arange(10_100, dtype=np.uint8).reshape(101, 100) % 7), pixels_of(None, by_class=0.4)):
+        sampled = pixels.sample(200_000, np.random.default_rng(0))
+        assert pixels.targets(sampled[:5]).importance is None
         last = (sampled >= 10_000) & (sampled < 10_100)
         assert last.mean() == pytest.approx(100 / 20_200, rel=0.1)
 
@@ -56,3 +59,48 @@ def test_labels_of_far_surfaces_count_less(distance: float, expected: list[float
     targets = PixelSampler(data, FieldFrame(), distance).targets(np.arange(5))
     np.testing.assert_allclose(targets.trust, expected, rtol=1e-6)
     assert (targets.depth > 0).tolist() == [True] * 4 + [False]
+
+
+EDGES = np.zeros((2, 3, 3), np.uint8)  # brightness 0 and 30 in two columns, 60 in the last pixel
+EDGES[:, 1:] = 30
+EDGES[1, 2] = 60
+
+
+def two_images(mask: np.ndarray | None = None, **shares: float) -> PixelSampler:
+    """Return a sampler of EDGES, whose last pixel has class 1, and of a black image of class 0."""
+    images = np.stack([EDGES, np.zeros_like(EDGES)])
+    labels = np.zeros((2, 2, 3), np.uint8)
+    labels[0, 1, 2] = 1
+    poses = np.stack([planar_pose(0, 0, 0), planar_pose(1, 0, 0)])
+    data = Dataset.from_trajectory(Trajectory(poses, images, None, labels, Intrinsics.from_fov(3, 2)))
+    return PixelSampler(replace(data, masks=None if mask is None else [mask, mask]), FieldFrame(), **shares)
+
+
+def test_shares_and_importance_by_hand() -> None:
+    """Of 12 pixels, four have a contrast of 30: those left of an edge, and the one above the last pixel of class 1.
+
+    Levels are 2 + contrast, 4 * 32 + 8 * 2 = 144 in the sum: pixels at edges have probabilities of 2/9, the others of
+    1/72, which are 8/3 and 1/6 of those in uniform sampling. Two pixels are on planes. Class 1 is drawn with a
+    probability of 1 / (1 + sqrt(11)), the 11 pixels of class 0 with the rest.
+    """
+    pixels = two_images(by_contrast=0.25, on_planes=0.1, by_class=0.2)
+    pixels.learn_planes(np.array([1, 2]), np.ones(2, np.float32))
+    sampled = pixels.sample(1_000_000, np.random.default_rng(0))
+    rare = 1 / (1 + np.sqrt(11))
+    classes = np.array([(1 - rare) / 11] * 5 + [rare] + [(1 - rare) / 11] * 6)
+    edges = np.array([16, 1, 16, 16, 16, 1, 1, 1, 1, 1, 1, 1]) / 72
+    planes = np.array([0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0]) / 2
+    expected = 0.45 / 12 + 0.2 * classes + 0.25 * edges + 0.1 * planes
+    np.testing.assert_allclose(np.bincount(sampled) / len(sampled), expected, rtol=0.03)
+    np.testing.assert_allclose(pixels.targets(np.arange(12)).importance, 1 / (0.75 + 0.25 * 12 * edges), rtol=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.25, 1.0])
+def test_importance_undoes_sampling_by_contrast(share: float) -> None:
+    """Weighted means over samples are means over the unmasked pixels."""
+    used = np.ones((2, 3), bool)
+    used[0, 0] = False
+    pixels = two_images(used, by_contrast=share)
+    sampled = pixels.sample(1_000_000, np.random.default_rng(0))
+    weighted = np.bincount(sampled, pixels.targets(sampled).importance, minlength=12) / len(sampled)
+    np.testing.assert_allclose(weighted, np.array([0, 1, 1, 1, 1, 1] * 2) / 10, rtol=0.03)

@@ -226,12 +226,14 @@ class HashField:
             self._buffer("weights", *samples.starts.shape),
         )
         color, sums = self._buffer("color", len(rays), 3), np.zeros((CHUNKS, 5))
-        trust = np.ones(len(rays), np.float32) if targets.trust is None else targets.trust
+        ones = np.ones(len(rays), np.float32)
+        trust = ones if targets.trust is None else targets.trust
+        importance = ones if targets.importance is None else targets.importance
         matrices = self._matrices(semantic=learn)  # pose refinement uses colours only
         gradients = kernels.FieldMatrices(*(np.zeros((CHUNKS, *m.shape), np.float32) for m in matrices))
         kernels.train_rays(
             matrices, transposed(matrices), gradients, enc, features, samples.starts, samples.ends,
-            targets.color, targets.labels, trust, targets.depth, background, scales,
+            targets.color, importance, targets.labels, trust, targets.depth, background, scales,
             surface_profile(self.settings), learn, d_features, weights, color, sums,
         )  # fmt: skip
         summed = {name: value.sum(axis=0) for name, value in gradients._asdict().items() if name in self._values}
@@ -311,5 +313,5 @@ def _padded_batch(
     labels, depth = pad_rows(targets.labels), pad_rows(targets.depth)
     samples.starts[count:] = samples.ends[count:]
     color[count:], labels[count:], depth[count:] = background[count:], NO_LABEL, NO_DEPTH
-    trust = None if targets.trust is None else pad_rows(targets.trust)
-    return rays, samples, Targets(color, labels, depth, trust), background
+    trust, importance = (None if value is None else pad_rows(value) for value in (targets.trust, targets.importance))
+    return rays, samples, Targets(color, labels, depth, trust, importance), background

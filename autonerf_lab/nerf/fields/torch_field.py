@@ -80,8 +80,11 @@ class TorchField(ABC):
             the scalar to minimise, and the mean losses by name, which are logged; ``mse`` must be among them.
         """
         s = self.settings
+        squared = (rendered.color - self.tensor(targets.color)) ** 2
+        if targets.importance is not None:
+            squared = squared * self.tensor(targets.importance)[:, None]
         losses = {
-            "mse": ((rendered.color - self.tensor(targets.color)) ** 2).mean(),
+            "mse": squared.mean(),
             "distortion": rendering.distortion_loss(rendered.weights, rendered.starts, rendered.ends, s.turn).mean(),
         }
         total = losses["mse"] + s.distortion_weight * losses["distortion"]

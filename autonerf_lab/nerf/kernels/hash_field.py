@@ -118,16 +118,17 @@ def _cross_entropy(logits, labels, trust, first, scale, d_logits):
 
 
 @njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
-def _photometric(shown, left, target, background, first, scale, color, d_color, d_left):
-    """Return the sum of squared errors of a tile; write the gradients of colours and remaining transmittance."""
+def _photometric(shown, left, target, importance, background, first, scale, color, d_color, d_left):
+    """Return the weighted squared error of a tile; write the gradients of colours and remaining transmittance."""
     squared = 0.0
     for r in range(TILE_RAYS):
         d_left[r] = ZERO
+        weight = importance[first + r]
         for k in range(3):
             color[first + r, k] = shown[k, r] + left[r] * background[first + r, k]
             error = color[first + r, k] - target[first + r, k]
-            squared += error * error
-            d_color[k, r] = TWO * scale * error
+            squared += weight * error * error
+            d_color[k, r] = TWO * scale * weight * error
             d_left[r] += d_color[k, r] * background[first + r, k]
     return squared
 
@@ -172,8 +173,8 @@ def _heads_backward(
 
 @njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 def _train_chunk(
-    chunk, matrices, transposed, gradients, enc, features, starts, ends, target, labels, trust, depths, background,
-    scales, surface, learn, d_features, weights, color, losses,
+    chunk, matrices, transposed, gradients, enc, features, starts, ends, target, importance, labels, trust, depths,
+    background, scales, surface, learn, d_features, weights, color, losses,
 ):  # fmt: skip
     """Run one chunk of the tiles; arguments as in :func:`train_rays`."""
     tiles, width, samples = enc.shape[0], enc.shape[2], weights.shape[1]
@@ -224,7 +225,9 @@ def _train_chunk(
         tile_entropy, tile_correct = _cross_entropy(logits, labels, trust, first, scales.cross_entropy, d_logits)
         entropy += tile_entropy
         correct += tile_correct
-        squared += _photometric(shown, left, target, background, first, scales.squared_error, color, d_color, d_left)
+        squared += _photometric(
+            shown, left, target, importance, background, first, scales.squared_error, color, d_color, d_left
+        )
 
         weight_gradient(d_logits, s_ray, gradients.semantic_1[chunk], TILE_RAYS)
         dense(transposed.semantic_1, d_logits, d_s_ray, TILE_RAYS)
@@ -275,8 +278,8 @@ def _train_chunk(
 
 @njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 def train_rays(
-    matrices, transposed, gradients, enc, features, starts, ends, target, labels, trust, depths, background, scales,
-    surface, learn, d_features, weights, color, losses,
+    matrices, transposed, gradients, enc, features, starts, ends, target, importance, labels, trust, depths, background,
+    scales, surface, learn, d_features, weights, color, losses,
 ):  # fmt: skip
     """Run the forward and backward pass of a batch of rays.
 
@@ -286,7 +289,7 @@ def train_rays(
         enc: (R / TILE_RAYS, E, TILE_RAYS S), encoded bin midpoints; overwritten by their gradient.
         features: (R / TILE_RAYS, F, TILE_RAYS), spherical harmonics and appearance of the rays.
         starts, ends: (R, S), distances of the bins, metres.
-        target: (R, 3), colours in [0, 1].
+        target, importance: (R, 3), colours in [0, 1]; and (R,), weight of their squared error in the loss.
         labels, trust: (R,), class index, or -1 for none; and its weight in the loss.
         depths: (R,), metres along the ray, or 0 for none.
         background: (R, 3), colour behind the last bin.
@@ -302,7 +305,7 @@ def train_rays(
     for chunk in prange(CHUNKS):
         _train_chunk(
             np.int64(chunk),  # prange counts in uint64, for which all of the chunk would be compiled once more
-            matrices, transposed, gradients, enc, features, starts, ends, target, labels, trust, depths,
+            matrices, transposed, gradients, enc, features, starts, ends, target, importance, labels, trust, depths,
             background, scales, surface, learn, d_features, weights, color, losses,
         )  # fmt: skip
 

@@ -12,7 +12,9 @@ SETTINGS = {
     "smoke": ProposalSettings(
         steps=120, rays=1024, samples=16, levels=6, log2_entries=14, table_rate=10.0, seen_rays=60_000
     ),
-    "fast": ProposalSettings(rays_on_planes=0.04, final_learning_rate=5e-3, averaged=0.2),
+    "fast": ProposalSettings(
+        rays_by_class=0.1, rays_by_contrast=0.5, rays_on_planes=0.04, final_learning_rate=5e-3, averaged=0.2
+    ),
     "paper": ProposalSettings(
         steps=30_000,
         rays=4096,
