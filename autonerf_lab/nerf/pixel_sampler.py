@@ -50,11 +50,14 @@ class PixelSampler:
         self._used = None if used is None else np.flatnonzero(used)  # pixels that may be sampled; None: all
         self._strata: dict[str, _Stratum] = {}
         if by_class and self.labels is not None:
-            self._strata["class"] = _Stratum(by_class, self.labels, self._used, np.sqrt)
-        if by_contrast:
-            contrast = np.concatenate([_contrast(image).reshape(-1) for image in data.images])
+            self._strata["class"] = _Stratum(by_class, self._of_used(self.labels), self._used, np.sqrt)
+        self._contrast = _flat([_contrast(image) for image in data.images] if by_contrast else None)
+        if self._contrast is not None:
             self._strata["contrast"] = _Stratum(
-                by_contrast, contrast, self._used, lambda sizes: sizes * (FLAT + np.arange(len(sizes)))
+                by_contrast,
+                self._of_used(self._contrast),
+                self._used,
+                lambda sizes: sizes * (FLAT + np.arange(len(sizes))),
             )
         self._width = np.array([camera.width for camera in data.intrinsics])
         self._focal = np.array([(camera.fl_x, camera.fl_y) for camera in data.intrinsics])
@@ -95,8 +98,7 @@ class PixelSampler:
             self.depth = np.full(len(self), NO_DEPTH, np.float32)
         self.depth[pixels] = depth
         if self._on_planes and len(pixels):
-            one_group = np.zeros(len(self), np.uint8)
-            self._strata["planes"] = _Stratum(self._on_planes, one_group, pixels, np.sqrt)
+            self._strata["planes"] = _Stratum(self._on_planes, np.zeros(len(pixels), np.uint8), pixels, np.sqrt)
 
     def grid(self, views: int, per_view: int) -> np.ndarray:
         """Return (T, H, W) indices of a grid of pixels: at most ``views`` and ``per_view`` in each direction.
@@ -117,6 +119,9 @@ class PixelSampler:
         total = len(self) if self._used is None else len(self._used)
         chosen = np.linspace(0, total - 1, min(count, total)).round().astype(np.int64)
         return chosen if self._used is None else self._used[chosen]
+
+    def _of_used(self, layer: np.ndarray) -> np.ndarray:
+        return layer if self._used is None else layer[self._used]
 
     def rays(self, pixels: np.ndarray) -> Rays:
         """Return the rays of (R,) pixels, in the coordinates of the field."""
@@ -152,10 +157,10 @@ class PixelSampler:
 
     def _importance(self, pixels: np.ndarray) -> np.ndarray | None:
         """Return (R,) float32 weights of the colour loss, which undo that edges are sampled more often; None: 1."""
-        stratum = self._strata.get("contrast")
-        if stratum is None:
+        if self._contrast is None:
             return None
-        ratio = stratum.ratio[stratum.group[pixels]]
+        stratum = self._strata["contrast"]
+        ratio = stratum.ratio[self._contrast[pixels]]
         return (1 / (1 - stratum.share + stratum.share * ratio)).astype(np.float32)
 
     def length(self, pixels: np.ndarray) -> np.ndarray:
@@ -184,23 +189,23 @@ class _Stratum:
 
     Args:
         share: share of the sampled pixels.
-        group: (N,) group of each pixel, small integers.
-        used: indices of the pixels that may be sampled; None for all.
+        group: (N,) group of each pixel that may be sampled, small integers.
+        pixels: (N,) indices of these pixels; None if they are all.
         chances: returns the relative probabilities of the groups for their sizes.
     """
 
     def __init__(
-        self, share: float, group: np.ndarray, used: np.ndarray | None, chances: Callable[[np.ndarray], np.ndarray]
+        self, share: float, group: np.ndarray, pixels: np.ndarray | None, chances: Callable[[np.ndarray], np.ndarray]
     ) -> None:
-        self.share, self.group = share, group
-        among = group if used is None else group[used]
-        sizes = np.bincount(among)
-        chance = chances(sizes) / chances(sizes).sum()
-        self.ratio = chance * len(among) / np.maximum(sizes, 1)  # by group: probability / that in uniform sampling
-        order: np.ndarray = np.argsort(among, kind="stable").astype(np.int32)
-        self._pixels = order if used is None else used[order]
-        self._sizes, self._first = sizes, np.cumsum(sizes) - sizes
-        self._cumulative = np.cumsum(chance) / np.cumsum(chance)[-1]  # ends with 1, in spite of rounding
+        self.share = share
+        order: np.ndarray = np.argsort(group, kind="stable").astype(np.int32)
+        self._pixels = order if pixels is None else pixels[order]
+        self._sizes = np.bincount(group)
+        self._first = np.cumsum(self._sizes) - self._sizes
+        cumulative = np.cumsum(chances(self._sizes))
+        self._cumulative = cumulative / cumulative[-1]
+        # Of each group: the probability of a pixel, divided by that in uniform sampling.
+        self.ratio = np.diff(self._cumulative, prepend=0) * len(group) / np.maximum(self._sizes, 1)
 
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Sample (count,) pixel indices."""

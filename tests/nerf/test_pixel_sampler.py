@@ -77,11 +77,11 @@ def two_images(mask: np.ndarray | None = None, **shares: float) -> PixelSampler:
 
 
 def test_shares_and_importance_by_hand() -> None:
-    """Of 12 pixels, four have a contrast of 30: those left of an edge, and the one above the last pixel of class 1.
+    """Four of the 12 pixels differ by 30 from their right or their lower neighbour, the others from neither.
 
-    Levels are 2 + contrast, 4 * 32 + 8 * 2 = 144 in the sum: pixels at edges have probabilities of 2/9, the others of
-    1/72, which are 8/3 and 1/6 of those in uniform sampling. Two pixels are on planes. Class 1 is drawn with a
-    probability of 1 / (1 + sqrt(11)), the 11 pixels of class 0 with the rest.
+    Probabilities are proportional to 2 + contrast, in the sum 4 * 32 + 8 * 2 = 144: 2/9 for each of the four pixels
+    and 1/72 for each of the others. Two pixels are on planes. The only pixel of class 1 is drawn with a probability of
+    1 / (1 + sqrt(11)), because the probability of a class is proportional to the root of its number of pixels.
     """
     pixels = two_images(by_contrast=0.25, on_planes=0.1, by_class=0.2)
     pixels.learn_planes(np.array([1, 2]), np.ones(2, np.float32))
