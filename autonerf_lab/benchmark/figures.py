@@ -14,7 +14,7 @@ from autonerf_lab.evaluators.metrics import Metric
 CURVES = {"coverage": "area", "obstacle_coverage": "obstacles", "semantic_coverage": "classes",
           "viewpoint_coverage": "viewpoints"}  # fmt: skip
 COLORS = ("#0b5e8e", "#d1662a", "#3c8d53", "#8a4f9e", "#b8922a", "#c23b5c", "#4ba3a8", "#6b6b6b", "#7a86d1", "#a0522d")
-LINE_STYLES = ("-", "--", ":")  # one after another, when the colours have been used
+MOST_CURVES = 6  # in a row of panels, besides the first policy
 
 
 def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLINES) -> Figure:
@@ -60,31 +60,39 @@ def scores_over_policies(found: ResultsTable, metrics: Sequence[Metric] = HEADLI
 
 
 def coverage_curves(found: ResultsTable) -> Figure:
-    """Plot the coverage over the episode by policy: mean over scenes, and a band from worst to best scene."""
+    """Plot the coverage over the episode by policy: mean over scenes, and a band from worst to best scene.
+
+    Each row of panels has a few policies, and the first policy of the results for comparison.
+    """
     # Models share a curve, because they have the same trajectories; noise and pose sources do not.
-    names = [f"{label(o.cell.policy)}{', ' * bool(o.cell.condition)}{o.cell.condition}" for o in found.outcomes]
-    policies = list(dict.fromkeys(names))
-    columns = max(1, min(6, 160 // (8 + max(map(len, policies), default=0))))  # 160 characters fill the width
-    figure = Figure(figsize=(13, 3.2 + 0.22 * -(-len(policies) // columns)), layout="constrained")
-    axes = figure.subplots(1, len(CURVES), sharey=True)
-    for ax, (key, title) in zip(axes, CURVES.items(), strict=True):
-        for k, policy in enumerate(policies):
-            color, style = COLORS[k % len(COLORS)], LINE_STYLES[k // len(COLORS) % len(LINE_STYLES)]
-            scenes: dict[str, list[list[float]]] = {}
-            for name, outcome in zip(names, found.outcomes, strict=True):
-                if name == policy and outcome.curves:
-                    scenes.setdefault(outcome.cell.scene, []).append(outcome.curves[key])
-            if scenes:
-                means = np.array([np.mean(curves, axis=0) for curves in scenes.values()])
-                share = 100 * (np.arange(means.shape[1]) + 1) / means.shape[1]
-                ax.plot(share, means.mean(axis=0), color=color, linestyle=style, label=policy)
-                ax.fill_between(share, means.min(axis=0), means.max(axis=0), color=color, alpha=0.1, linewidth=0)
-        ax.set(title=title, xlabel="% of the episode", xlim=(0, 100), ylim=(0, 100))
-        ax.grid(alpha=0.3)
-    axes[0].set_ylabel("coverage, % of the visible total")
-    handles, labels = axes[0].get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
+    curves: dict[str, dict[str, list[Mapping[str, Sequence[float]]]]] = {}  # by policy and scene
+    for outcome in found.outcomes:
+        if outcome.curves:
+            cell = outcome.cell
+            name = label(cell.policy) + (f", {cell.condition}" if cell.condition else "")
+            curves.setdefault(name, {}).setdefault(cell.scene, []).append(outcome.curves)
+    first, *others = list(curves) or [""]
+    count = max(1, -(-len(others) // MOST_CURVES))  # rows of panels, with about equally many policies
+    figure = Figure(figsize=(13, 0.4 + 2.7 * count), layout="constrained")
+    panels = figure.subplots(count, len(CURVES) + 1, sharex=True, sharey=True, squeeze=False)
+    for row, part in zip(panels, np.array_split(np.array(others, dtype=object), count), strict=True):
+        for ax, key in zip(row, CURVES, strict=False):
+            for name, color in zip((first, *part), COLORS, strict=False):
+                scenes = curves.get(name, {}).values()
+                means = np.array([np.mean([run[key] for run in runs], axis=0) for runs in scenes])
+                if len(means):
+                    share = 100 * (np.arange(means.shape[1]) + 1) / means.shape[1]
+                    text = textwrap.fill(name, 30, subsequent_indent="  ")
+                    ax.plot(share, means.mean(axis=0), "--" if name == first else "-", color=color, label=text)
+                    ax.fill_between(share, means.min(axis=0), means.max(axis=0), color=color, alpha=0.1, linewidth=0)
+            ax.set(xlim=(0, 100), ylim=(0, 100))
+            ax.grid(alpha=0.3)
+        row[-1].axis("off")
+        row[-1].legend(*row[0].get_legend_handles_labels(), loc="center left", frameon=False)
+    for title, top, bottom in zip(CURVES.values(), panels[0], panels[-1], strict=False):
+        top.set_title(title)
+        bottom.set_xlabel("% of the episode")
+    figure.supylabel("coverage, % of the visible total", fontsize="medium")
     return figure
 
 
