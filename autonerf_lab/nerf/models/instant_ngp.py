@@ -15,7 +15,7 @@ SETTINGS = {
     "smoke": OccupancySettings(
         steps=120, rays=1024, levels=6, log2_entries=14, table_rate=10.0, candidates=128, seen_rays=60_000
     ),
-    "fast": OccupancySettings(steps=1800, rays_on_planes=0.04),
+    "fast": OccupancySettings(steps=1800, rays_by_class=0.1, rays_by_contrast=0.5, rays_on_planes=0.04),
     "paper": OccupancySettings(
         steps=30_000,
         rays=4096,
@@ -69,9 +69,9 @@ RGBD: dict[str, Any] = {
 }
 RGBD_SPEC = ModelSpec(
     {
-        # The reach of `fast` was measured with its own steps only.
+        # The reach of `fast` was measured with its own steps only, and rays by contrast without depth only.
         "smoke": replace(SETTINGS["smoke"], **RGBD | {"label_distance": 0.0, "reach": 0.6}, steps=200),
-        "fast": replace(SETTINGS["fast"], **RGBD),
+        "fast": replace(SETTINGS["fast"], **RGBD, rays_by_class=0.2, rays_by_contrast=0.0),
         "paper": replace(SETTINGS["paper"], **RGBD),
     },
     build,
