@@ -10,10 +10,11 @@ turns; the kernels should take at most a tenth of torch's time. Limit: the opera
 benchmarks/common/operations.py) at the rate of a large matrix product in the same run; the step should take at most
 twice that.
 
-Quality: views are uniform over the scene. There is one fit with the number of steps of the preset, and one fit for each
-of ``--seconds``, with the number of steps that takes so long: a fit that is cut short would not complete its
-learning-rate schedule. Models with -rgbd also train on depth. Seconds count the whole of ``fit`` without the
-evaluations. The baseline shows the nearest training view. Each fit runs in its own process.
+Quality: views are uniform over the scene. There is one fit with the number of steps of the preset, and one fit for
+each of ``--seconds``, with the number of steps that takes so long: a fit that is cut short would not complete its
+learning-rate schedule. ``--steps`` fits with given numbers of steps, which gives the same fields on any machine.
+Models with -rgbd also train on depth. Seconds count the whole of ``fit`` without the evaluations. The baseline shows
+the nearest training view. Each fit runs in its own process.
 
 Prints tables and, as the last line, one JSON object, which is also written to ``--out`` with a CSV and a figure.
 """
@@ -125,7 +126,7 @@ def learn_scene(
         found[name] = in_fresh_process(threads, fit_and_score, folder, settings, marks, model)
         last = found[name]["rows"][-1]
         print(
-            f"  {model:<24}{name:<8}{last['step']:>7} steps {last['seconds']:>7.1f} s  PSNR {last['psnr']:.2f} dB  "
+            f"  {model:<24}{name:<12}{last['step']:>7} steps {last['seconds']:>7.1f} s  PSNR {last['psnr']:.2f} dB  "
             f"per-class accuracy {last['per_class_accuracy']:.1f} %  "
             f"depth error {100 * last['depth_median_error_m']:.2f} cm",
             flush=True,
@@ -194,6 +195,7 @@ def quality(options: argparse.Namespace, views: dict[str, Path], nearest: dict[s
             fits = {} if options.no_fast else {"fast": MODELS[model].settings["fast"].steps}
             step_ms, start = speed[model]
             fits |= {f"{s:g} s": max(1, round(1000 * (s - start) / step_ms)) for s in options.seconds}
+            fits |= {f"{steps} steps": steps for steps in options.steps}
             for name, result in learn_scene(folder, model, fits, speed[model], options.threads).items():
                 processes.append(result)
                 scored = [{key: value for key, value in row.items() if key != "lpips"} for row in result["rows"]]
@@ -222,6 +224,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", nargs="+", default=scene_names("dev"), help="Names of scenes.")
     parser.add_argument("--seconds", nargs="*", type=float, default=[60, 300], help="Durations of fits, seconds.")
+    parser.add_argument("--steps", nargs="*", type=int, default=[], help="Numbers of steps of further fits.")
     parser.add_argument(
         "--models", nargs="+", default=["semantic-nerfacto", "semantic-nerfacto-rgbd"], help="Names of models."
     )
