@@ -6,11 +6,11 @@
     python benchmarks/paper_grids.py --save-runs  # keeps the fields, for LPIPS by `bench lpips` without another fit
     python benchmarks/paper_grids.py --quick  # two small cells, as a check of the script
 
-Each grid has a results folder of its own under ``--out``, in groups. ``test`` compares the policies in the twenty test
-apartments, and varies models, poses and semantics on the trajectories of ``modular-obs``. ``val`` has five starts in
-the five validation apartments, for the correlations of rewards with scores. ``finetuning`` has four of these
-apartments, and ``houses`` the five homes of 180 to 300 m². `results/export.py` makes the tables of a group, and joins
-parts with other ``--scenes``.
+Each grid has a results folder of its own under ``--out``, in groups. ``test`` compares the policies of the paper in the
+twenty test apartments. ``variants`` has further policies, and varies models, poses and semantics on the trajectories of
+``modular-obs``, in the first six. ``val`` has five starts in the five validation apartments, for the correlations of
+rewards with scores. ``finetuning`` has four of these apartments, and ``houses`` the five homes of 180 to 300 m².
+`results/export.py` makes the tables of a group, and joins parts with other ``--scenes``.
 
 Prints the number of finished cells of each grid and, as the last line, one JSON object.
 """
@@ -31,23 +31,23 @@ TRAINED = Path(__file__).parent / "policy_training"
 IMITATIONS = tuple(str(TRAINED / f"{policy}-imitation.safetensors") for policy in MODULAR)
 FROM_SCRATCH = tuple(str(TRAINED / f"{policy}-scratch.safetensors") for policy in MODULAR)
 FIELD = Grid((OURS,), ("test",), 1)
-NOISE = replace(FIELD, noise="ans", depth_noise="redwood")
+VARIANT = replace(FIELD, scenes=tuple(scene_names("test")[:6]))
+NOISE = replace(VARIANT, noise="ans", depth_noise="redwood")
 
 # Alphabetical in each group: tables of a group have the rows in this order, and compare with the first row of a policy.
 GRIDS = {
     f"test/{OURS}": replace(FIELD, optional=("navigation",), baselines=True),
-    "test/policies": Grid(
-        (*(name for name in PAPER_POLICIES if name != OURS), "paper-obs", *IMITATIONS, "oracle-obs"), ("test",), 1
+    "test/policies": replace(FIELD, policies=tuple(name for name in PAPER_POLICIES if name != OURS)),
+    "variants/policies-from-scratch": replace(VARIANT, policies=FROM_SCRATCH),
+    "variants/policies-further": replace(VARIANT, policies=("paper-obs", *IMITATIONS, "oracle-obs")),
+    "variants/with-estimated-poses": replace(NOISE, poses="estimated"),
+    "variants/with-odometry": replace(NOISE, poses="odometry"),
+    "variants/with-other-models": replace(
+        VARIANT, models=("instant-ngp", "semantic-nerf", "semantic-nerfacto-rgbd", "instant-ngp-rgbd")
     ),
-    "test/policies-from-scratch": Grid(FROM_SCRATCH, ("test",), 1),
-    "test/with-estimated-poses": replace(NOISE, poses="estimated"),
-    "test/with-odometry": replace(NOISE, poses="odometry"),
-    "test/with-other-models": replace(
-        FIELD, models=("instant-ngp", "semantic-nerf", "semantic-nerfacto-rgbd", "instant-ngp-rgbd")
-    ),
-    "test/with-predicted-semantics": replace(FIELD, semantics="predicted"),
-    "test/with-refined-poses": replace(NOISE, poses="refined"),
-    "test/with-true-poses": replace(NOISE, poses="true"),
+    "variants/with-predicted-semantics": replace(VARIANT, semantics="predicted"),
+    "variants/with-refined-poses": replace(NOISE, poses="refined"),
+    "variants/with-true-poses": replace(NOISE, poses="true"),
     "val/policies": Grid(("frontier-classic", *MODULAR), ("val",), 5),
     f"finetuning/{OURS}": Grid((OURS,), tuple(scene_names("val")[:4]), 1, optional=("finetuning",)),
     f"houses/{OURS}": Grid((OURS,), ("house",), 1),
