@@ -1,16 +1,17 @@
 """Grids behind the tables of `benchmarks/results`: what of the paper holds here.
 
-    python benchmarks/paper_grids.py  # a day and a half on two cores; continues after an interruption
+    python benchmarks/paper_grids.py  # about a day on two cores; continues after an interruption
     python benchmarks/paper_grids.py --grids test/policies  # one of them
     python benchmarks/paper_grids.py --grids test/policies --scenes test-00 --out runs/test-00  # a part of it
     python benchmarks/paper_grids.py --save-runs  # keeps the fields, for LPIPS by `bench lpips` without another fit
     python benchmarks/paper_grids.py --quick  # two small cells, as a check of the script
 
-Each grid has a results folder of its own under ``--out``, in groups. ``test`` compares the policies of the paper in the
-twenty test apartments. ``variants`` has further policies, and varies models, poses and semantics on the trajectories of
-``modular-obs``, in the first six. ``val`` has five starts in the five validation apartments, for the correlations of
-rewards with scores. ``finetuning`` has four of these apartments, and ``houses`` the five homes of 180 to 300 m².
-`results/export.py` makes the tables of a group, and joins parts with other ``--scenes``.
+Each grid has a results folder of its own under ``--out``, in groups. ``test`` compares the policies of the paper in
+the twenty test apartments. ``variants`` has further policies, and varies models, poses and semantics on the
+trajectories of ``modular-obs``, in the first six. ``val`` has five starts in the five validation apartments, for the
+correlations of rewards with scores. ``finetuning`` has four of these apartments, and ``houses`` the five homes of 180
+to 300 m². `results/export.py` makes the tables of a group (of ``variants`` together with ``test``), and joins parts
+with other ``--scenes``.
 
 Prints the number of finished cells of each grid and, as the last line, one JSON object.
 """
