@@ -36,6 +36,7 @@ PAGES = {
     "house_tables": "benchmarks/results/houses/tables.md",
     "finetuning_tables": "benchmarks/results/finetuning/tables.md",
     "test_models": "benchmarks/results/test-models/tables.md",
+    "test_tables": "benchmarks/results/test/tables.md",
     "variant_tables": "benchmarks/results/variants/tables.md",
     "contributing": "CONTRIBUTING.md",
     "evaluator_plugin": "examples/evaluator_plugin/README.md",
